@@ -20,7 +20,7 @@ pub mod simulated_scanner;
 mod student;
 
 pub use params::{AlignParams, InspectionParams};
-pub use pipeline::{DeviationFigures, InspectedView, Inspection, InspectionInput, inspect};
+pub use pipeline::{DeviationFigures, InspectedView, Inspection, InspectionInput, MAX_SPOTS, inspect};
 pub use pixel_grid::PixelGrid;
 
 use nalgebra::{DMatrix, DVector, Matrix6};

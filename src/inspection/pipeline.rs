@@ -25,8 +25,8 @@ use crate::planning::surface::{Surface, requirements};
 use crate::planning::visibility::Row;
 use crate::planning::{PlanInput, plate};
 
-/// Number of spots that are listed as the worst.
-const MAX_SPOTS: usize = 20;
+/// Maximum number of spots that are listed, those that deviate most.
+pub const MAX_SPOTS: usize = 20;
 /// Minimum standard deviations of a view's pose that a calibration is believed, the repeatability of an arm: degrees and mm.
 const MIN_PRIOR_DEG: f64 = 0.002;
 const MIN_PRIOR_MM: f64 = 0.02;
@@ -132,6 +132,8 @@ impl InspectionInput<'_> {
             own_mm: calibrated.filter(|_| align.prior_mm.is_none()).map_or(0.0, |known| known.rms_translation_mm),
             moves_views: !self.is_merged(),
             start: self.taken.mesh_from_stated,
+            is_searched: self.taken.is_searched,
+            stray_points: self.taken.stray_points,
             ..default
         }
     }
@@ -332,7 +334,7 @@ impl Judged<'_> {
         let (views, poses): (Vec<&InspectedView>, Vec<_>) = self.compared.scanned.iter().filter_map(of).unzip();
         let moved_part = self.input.moved_part(self.registration);
         let registered_rows = self.input.measured_from(&views, &poses, &moved_part, ctx)?.rows;
-        let filtered_cells: Vec<Vec<u32>> = self.input.taken.scans.iter().map(|taken| taken.removed.cells.clone()).collect();
+        let removed: Vec<&Removed> = self.input.taken.scans.iter().map(|taken| &taken.removed).collect();
         let losses = LossInput {
             compared: self.compared,
             coverage: self.coverage,
@@ -342,7 +344,7 @@ impl Judged<'_> {
             limits: &limits,
             light: None,
             level: None,
-            filtered_cells: &filtered_cells,
+            removed: &removed,
         };
         Ok(attribute(&losses, ctx)?)
     }
@@ -371,6 +373,7 @@ impl Judged<'_> {
             }
         };
         ctx.check()?;
+        let part_covariance = &self.registration.part_covariance;
         let samples = &aligned.deviation.samples;
         let whole = statistics(samples, surface, surface.samples(), None);
         let limit_mm = whole.map_or(1.0, |whole| whole.percentiles_mm[0].abs().max(whole.percentiles_mm[4].abs()).max(1e-3));
@@ -379,7 +382,7 @@ impl Judged<'_> {
             excluded: excluded(samples, surface, surface.samples()),
             histogram: histogram(samples, surface, limit_mm, CLASSES),
             extents: aligned.deviation.extents(&nominal),
-            regions: regions.iter().map(|region| aligned.judge(&nominal, region, &options)).collect(),
+            regions: regions.iter().map(|region| aligned.judge_held(&nominal, region, &options, part_covariance)).collect(),
             worst: aligned.deviation.worst_spots(&nominal, &options, MAX_SPOTS),
         };
         Ok((aligned, figures))

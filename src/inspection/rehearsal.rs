@@ -8,6 +8,7 @@ use nalgebra::Matrix6;
 use super::coverage::{
     self, CompareParams, ComparedViews, IdentifiedLimits, MeasuredCoverage, NominalModel, PlannedRow, Returns, ScannedView,
 };
+use super::ingest::Removed;
 use super::losses::{Light, LossCause, LossInput, Losses, attribute};
 use super::simulated_scanner::{CellFate, ScannedScene, SimulatedScanner, SimulatedView, SimulationParams};
 use super::{RegisteredView, ViewScan};
@@ -43,7 +44,7 @@ pub(super) struct Rehearsal {
 pub(super) struct Knowledge<'a> {
     pub(super) limits: IdentifiedLimits,
     pub(super) light: Option<&'a (dyn Fn(usize, SampleId) -> Light + Sync)>,
-    pub(super) filtered_cells: Vec<Vec<u32>>,
+    pub(super) removed: Vec<Removed>,
     /// True if the scans are images of one cloud that was merged of all views.
     pub(super) is_merged: bool,
     /// Fixture and plate.
@@ -155,6 +156,7 @@ impl Rehearsal {
             let returns = coverage::returns(&compared, &coverage, &model, ctx).unwrap_or_else(|error| panic!("{error}"));
             let rechecked = recheck(&input, &self.outcome.plan.params, &table_from_part, &taken, ctx);
             let rows = rechecked.unwrap_or_else(|error| panic!("{error}")).rows;
+            let removed: Vec<&Removed> = knowledge.removed.iter().collect();
             let losses = LossInput {
                 compared: &compared,
                 coverage: &coverage,
@@ -164,7 +166,7 @@ impl Rehearsal {
                 limits: &knowledge.limits,
                 light: knowledge.light,
                 level: Some(5),
-                filtered_cells: &knowledge.filtered_cells,
+                removed: &removed,
             };
             let losses = attribute(&losses, ctx).unwrap_or_else(|error| panic!("{error}"));
             Judged { coverage, returns, losses }

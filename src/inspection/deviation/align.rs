@@ -11,14 +11,15 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Matrix6, Point3, Vector6};
 
 use super::aligned_poses::AlignedPoses;
-use super::statistics::{by_noise, judge};
+use super::statistics::{MIN_TO_FAIL, by_noise, judge};
 use super::{
-    Alignment, Conformity, Deviation, DeviationOptions, Nominal, PlacedScan, RegionDeviation, RegionToJudge, compare, lever,
-    variance,
+    Alignment, Conformity, Deviation, DeviationOptions, Nominal, PlacedScan, RegionDeviation, RegionToJudge, UndecidedBecause,
+    compare, lever, variance,
 };
 use crate::cell::calibration::se3::exp;
 use crate::geometry::{Part, Pose, parallel};
 use crate::inspection::OpenPoses;
+use crate::inspection::registration::locate::STATED_REACH_MM;
 use crate::planning::ids::SampleId;
 
 /// Rounds of fit and comparison.
@@ -26,6 +27,10 @@ const ROUNDS: usize = 3;
 /// Share of the largest eigenvalue below which a freedom is taken for one that the samples do not fix: distances then change by less than
 /// a hundredth of the motion.
 const MIN_CONDITION: f64 = 1e-4;
+
+/// Distance along a surface's normal to which the registration has to hold the part so that a region there may fail, mm, or its tolerance
+/// where that is larger.
+pub const HELD_TO_MM: f64 = STATED_REACH_MM;
 
 /// Comparison at an alignment.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,20 +54,66 @@ impl Aligned {
         let mut judged = judge(&self.deviation.samples, nominal.surface, region, options);
         let is_open = judged.verdict == Some(Conformity::Undecided);
         if is_open && region.tolerance_mm.is_some_and(|tolerance_mm| self.is_uneven(nominal, region, tolerance_mm)) {
-            (judged.verdict, judged.is_open_by_poses) = (Some(Conformity::Fail), false);
+            (judged.verdict, judged.is_open_by_poses, judged.undecided_because) = (Some(Conformity::Fail), false, None);
         }
         judged
     }
 
+    /// Judges a region, and takes back a `fail` where the registration holds the part by this covariance alone, and a motion within it moves
+    /// the region by more than its tolerance and than registration bridges: what lies there may be another surface. Poses that are taken
+    /// as they are stated do not depend on it.
+    ///
+    /// The covariance is from points within the last gate of the registration alone. A feature that is off all round by more has none there,
+    /// and holds nothing: where no other surface faces its way, it is undecided, however far off it is.
+    #[must_use]
+    pub fn judge_held(
+        &self,
+        nominal: &Nominal<'_>,
+        region: &RegionToJudge,
+        options: &DeviationOptions,
+        part_covariance: &Matrix6<f64>,
+    ) -> RegionDeviation {
+        let judged = self.judge(nominal, region, options);
+        let is_held = |tolerance_mm: f64| {
+            let open_sd_mm = self.moved_sd_mm(nominal, &region.samples, part_covariance);
+            open_sd_mm.is_none_or(|sd_mm| sd_mm <= tolerance_mm.max(HELD_TO_MM))
+        };
+        let is_shown = judged.verdict != Some(Conformity::Fail)
+            || self.alignment == Alignment::AsPlaced
+            || region.tolerance_mm.is_none_or(is_held);
+        if is_shown {
+            return judged;
+        }
+        let undecided_because = Some(UndecidedBecause::NotHeld);
+        RegionDeviation { verdict: Some(Conformity::Undecided), undecided_because, ..judged }
+    }
+
+    /// Median standard deviation by which motions of the part of this covariance move the measured ones of some samples along their
+    /// normals, mm.
+    fn moved_sd_mm(&self, nominal: &Nominal<'_>, samples: &[SampleId], part_covariance: &Matrix6<f64>) -> Option<f64> {
+        let measured = samples.iter().filter(|sample| self.deviation.samples[sample.index()].points > 0);
+        let sd_mm = |sample: &SampleId| {
+            let row = lever(&nominal.surface.sample_mm[sample.index()], &nominal.surface.patch_of(*sample).normal);
+            variance((row.transpose() * part_covariance * row)[0]).sqrt()
+        };
+        let mut moved_mm: Vec<f64> = measured.map(sd_mm).collect();
+        moved_mm.sort_by(f64::total_cmp);
+        moved_mm.get(moved_mm.len() / 2).copied()
+    }
+
     /// Returns true if some samples of the same views lie above others of them by more than the tolerance and what their points and the
-    /// poses leave open of the difference: more on either side than noise lets seem so.
+    /// poses leave open of the difference: more on either side than noise lets seem so. A few samples show it no more than they fail.
     fn is_uneven(&self, nominal: &Nominal<'_>, region: &RegionToJudge, tolerance_mm: f64) -> bool {
         let (deviation, Some(poses)) = (&self.deviation, &self.poses) else { return false };
         let mut of_views: BTreeMap<&[u16], Vec<SampleId>> = BTreeMap::new();
         for sample in region.samples.iter().filter(|sample| deviation.samples[sample.index()].points > 0) {
             of_views.entry(deviation.views_of(*sample)).or_default().push(*sample);
         }
-        let by_noise = by_noise(of_views.values().map(Vec::len).sum()) as usize;
+        let measured: usize = of_views.values().map(Vec::len).sum();
+        if measured < MIN_TO_FAIL {
+            return false;
+        }
+        let by_noise = by_noise(measured);
         // A distance less or more by what its points leave open.
         let bound = |sample: SampleId, sign: f64| {
             let own = &deviation.samples[sample.index()];

@@ -25,7 +25,9 @@
 //! shifts a wall as a whole, and hides no spot of it.
 //!
 //! Verdicts after ISO 14253-1:2017: conformity is shown where |d| + U ≤ T/2, its contrary where |d| − U > T/2, and nothing in between. Its
-//! contrary is shown as well where two samples of the same views are farther apart than T and what is open of their difference.
+//! contrary is shown as well where two samples of the same views are farther apart than T and what is open of their difference. A
+//! region fails only if ten samples are measured and more of them fail than noise lets fail, or all of a smaller one do, and only where the
+//! registration holds it: where no point of the accepted views tells its distance to 2.5 mm or its tolerance, the region is undecided.
 //! A sample from which most points lie farther than is searched is undecided, and keeps its region from passing: its material may be
 //! missing, but such points also come of a view that lies off sideways, a reflection or another body. With a larger search distance they
 //! are judged.
@@ -57,9 +59,12 @@ use crate::planning::surface::Surface;
 use correlation::NoiseRuns;
 pub use extents::Extent;
 use footprint::{Footprints, ViewDistances};
-pub use off_surface::{MaterialKind, OffSurface};
+pub use off_surface::{MAX_HEAPS, MaterialKind, OffSurface};
 pub use spots::DeviationSpot;
-pub use statistics::{Conformity, DeviationStatistics, ExcludedShares, Histogram, RegionDeviation, RegionToJudge};
+pub use statistics::{
+    Conformity, DeviationStatistics, ExcludedShares, Histogram, MIN_TO_FAIL, OpenPart, RegionDeviation, RegionToJudge,
+    UndecidedBecause,
+};
 use sums::{MIN_OTHER_POINTS, PooledVariance, SampleSum};
 
 /// Largest angle between the measured and the nominal normal, degrees: that with which coverage is counted.

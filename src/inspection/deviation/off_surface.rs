@@ -34,8 +34,8 @@ pub struct OffSurface {
 const CELL_MM: f64 = 2.0;
 /// Fewer points are noise.
 const MIN_POINTS: usize = 25;
-/// Heaps that are listed.
-const MAX_HEAPS: usize = 20;
+/// Maximum number of heaps that are listed.
+pub const MAX_HEAPS: usize = 20;
 
 /// Sums of a cell.
 #[derive(Clone, Copy, Default)]

@@ -1,5 +1,7 @@
 //! Figures of samples together, weighted by area, and verdicts of regions.
 
+use nalgebra::Point3;
+
 use super::{DeviationOptions, SampleDeviation};
 use crate::cell::closed_list;
 use crate::planning::ids::SampleId;
@@ -17,8 +19,27 @@ closed_list! {
     }
 }
 
+closed_list! {
+    /// Reason for which a region with samples that fail does not fail.
+    pub enum UndecidedBecause {
+        /// The registration leaves open, by more than it bridges, where the part lies along this surface.
+        NotHeld = "not_held",
+        /// Fewer samples are measured than make a region fail.
+        FewSamples = "few_samples",
+        /// No more samples fail than noise lets fail.
+        WithinNoise = "within_noise",
+    }
+}
+
 /// Share of samples at a limit that falls beyond it by more than U with no deviation beyond: one side of k = 2.
 const TAIL: f64 = 0.025;
+/// Probability with which noise lets more samples fail than are excused: that of two standard deviations, one-sided.
+const BY_CHANCE: f64 = 0.02275;
+/// Most samples whose count is followed by the binomial distribution itself: beyond, its first term is no number any more.
+const MAX_COUNTED: usize = 20_000;
+/// Fewest measured samples that make a region fail of which not all fail: neighbours share points and poses, so that a few are one
+/// observation. Not from a source: most regions have about a hundred samples of their own; with hundreds of features, small ones have fewer.
+pub const MIN_TO_FAIL: usize = 10;
 /// Multiple of the region's median of what points leave open, beyond which a sample has few of them or turned ones: rims and corners. Our
 /// choice.
 const UNCOMMON: f64 = 2.0;
@@ -145,6 +166,34 @@ pub struct RegionToJudge {
     pub samples: Vec<SampleId>,
 }
 
+/// Surface of a region that keeps it from passing: samples that fail, may lie beyond the limit, or are farther off than is searched.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OpenPart {
+    /// Area of these samples, mm².
+    pub area_mm2: f64,
+    /// Place of the one that may lie farthest off, part frame, mm.
+    pub at_mm: Point3<f64>,
+    /// Deviation of that sample and its expanded uncertainty, mm; `None` where its points are farther off than is searched.
+    pub deviation_mm: Option<[f64; 2]>,
+}
+
+impl OpenPart {
+    /// Part of one sample.
+    fn of(sample: &SampleDeviation, at_mm: Point3<f64>, area_mm2: f64) -> Self {
+        let deviation_mm = [sample.distance_mm, sample.expanded_mm].map(f64::from);
+        Self { area_mm2, at_mm, deviation_mm: (!sample.is_off).then_some(deviation_mm) }
+    }
+
+    /// Both parts together.
+    fn with(self, other: Option<Self>) -> Self {
+        let Some(other) = other else { return self };
+        let reach_mm =
+            |part: &Self| part.deviation_mm.map_or(f64::INFINITY, |[distance_mm, expanded_mm]| distance_mm.abs() + expanded_mm);
+        let farthest = if reach_mm(&self) > reach_mm(&other) { self } else { other };
+        Self { area_mm2: self.area_mm2 + other.area_mm2, ..farthest }
+    }
+}
+
 /// Deviation of a region.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegionDeviation {
@@ -166,6 +215,14 @@ pub struct RegionDeviation {
     pub of_poses_mm: Option<f64>,
     /// True if that part alone keeps the region from passing.
     pub is_open_by_poses: bool,
+    /// Surface that keeps it from passing; `None` where there is none, or no tolerance.
+    pub open: Option<OpenPart>,
+    /// Number of its samples that are measured.
+    pub measured_samples: usize,
+    /// Share of its area that is shown to conform; none without a tolerance.
+    pub conforming: Option<f64>,
+    /// Reason for which it is undecided although samples fail.
+    pub undecided_because: Option<UndecidedBecause>,
 }
 
 /// Judges a region.
@@ -192,7 +249,9 @@ pub fn judge(
     let verdict_with = |uncertainty: &dyn Fn(&SampleDeviation) -> f64| {
         region.tolerance_mm.map(|tolerance| verdict(samples, surface, region, tolerance, (enough, uncertainty)))
     };
-    let verdict = verdict_with(&expanded);
+    let judged = verdict_with(&expanded);
+    let verdict = judged.map(|judged| judged.verdict);
+    let by_points = || verdict_with(&of_points).map(|judged| judged.verdict);
     RegionDeviation {
         name: region.name.clone(),
         tolerance_mm: region.tolerance_mm,
@@ -202,7 +261,11 @@ pub fn judge(
         verdict,
         expanded_mm: median(&expanded),
         of_poses_mm: median(&SampleDeviation::of_poses_mm),
-        is_open_by_poses: verdict == Some(Conformity::Undecided) && verdict_with(&of_points) == Some(Conformity::Pass),
+        is_open_by_poses: verdict == Some(Conformity::Undecided) && by_points() == Some(Conformity::Pass),
+        open: judged.and_then(|judged| judged.open),
+        measured_samples: own().filter(|sample| samples[sample.index()].points > 0).count(),
+        conforming: judged.map(|judged| judged.passed_mm2 / all.max(f64::MIN_POSITIVE)),
+        undecided_because: judged.and_then(|judged| judged.because),
     }
 }
 
@@ -228,25 +291,45 @@ fn verdict_by(sample: &SampleDeviation, tolerance_mm: f64, expanded: f64) -> Con
 /// Expanded uncertainty of a sample, mm, with or without what poses leave open.
 type Uncertainty<'a> = &'a dyn Fn(&SampleDeviation) -> f64;
 
-/// Verdict of a region: `fail` where more samples fail than noise lets fail, the tail of k = 2 and two standard deviations of its count;
-/// `pass` where samples of at least `min_area_mm2` pass and no other fails, lies beyond the limit or could have passed: one whose points
-/// leave uncommonly much open, and alone do so, says little either way; else undecided. A sample before or behind which most points are off
+/// Verdict of a region, with what it is from.
+#[derive(Clone, Copy)]
+struct Judged {
+    verdict: Conformity,
+    /// Surface that keeps it from passing.
+    open: Option<OpenPart>,
+    /// Area of the samples that pass, mm².
+    passed_mm2: f64,
+    because: Option<UndecidedBecause>,
+}
+
+/// Verdict of a region: `fail` where more samples fail than noise lets fail ([`by_noise`]), and either [`MIN_TO_FAIL`] are measured, or all
+/// that are fail and have `min_area_mm2`: small features have fewer samples, and a few of a larger one do not decide. `pass` where samples
+/// of at least `min_area_mm2` pass and no other fails, lies beyond the limit or could have passed: one whose points leave uncommonly much
+/// open, and alone do so, says little either way. Else undecided. A sample before or behind which most points are off
 /// could not have passed. One where most are turned and beyond the limit counts as not measured: edges that are broken have some. What
-/// passes so passes with any larger tolerance.
+/// passes so passes with any larger tolerance. With the verdict comes the surface that keeps the region from passing.
 fn verdict(
     samples: &[SampleDeviation],
     surface: &Surface,
     region: &RegionToJudge,
     tolerance: f64,
     ((min_area_mm2, median_of_points_mm), uncertainty): ((f64, f64), Uncertainty<'_>),
-) -> Conformity {
-    let (mut measured, mut failed, mut open, mut passed_mm2) = (0_usize, 0_usize, 0_usize, 0.0);
+) -> Judged {
+    let (mut measured, mut failed, mut passed_mm2, mut failed_mm2) = (0_usize, 0_usize, 0.0, 0.0);
+    let mut open: Option<OpenPart> = None;
     for (id, sample) in region.samples.iter().map(|id| (id, &samples[id.index()])) {
         measured += usize::from(sample.points > 0);
-        let expanded_mm = uncertainty(sample);
-        match verdict_by(sample, tolerance, expanded_mm) {
-            Conformity::Pass => passed_mm2 += surface.sample_area_mm2(*id),
-            Conformity::Fail => failed += 1,
+        let (own_mm2, expanded_mm) = (surface.sample_area_mm2(*id), uncertainty(sample));
+        let is_open = match verdict_by(sample, tolerance, expanded_mm) {
+            Conformity::Pass => {
+                passed_mm2 += own_mm2;
+                false
+            }
+            Conformity::Fail => {
+                failed += 1;
+                failed_mm2 += own_mm2;
+                true
+            }
             Conformity::Undecided => {
                 let (distance_mm, limit_mm) = (f64::from(sample.distance_mm.abs()), 0.5 * tolerance);
                 let of_points_mm = f64::from(sample.of_points_mm);
@@ -254,21 +337,52 @@ fn verdict(
                 // No lack of points excuses what poses alone leave open, such as a wall that nothing ties to the rest.
                 let is_excused = of_points_mm > UNCOMMON * median_of_points_mm && distance_mm + of_poses_mm <= limit_mm;
                 let may_be_beyond = !is_excused && distance_mm + expanded_mm > limit_mm;
-                open += usize::from(sample.is_off || sample.points > 0 && (distance_mm > limit_mm || may_be_beyond));
+                sample.is_off || sample.points > 0 && (distance_mm > limit_mm || may_be_beyond)
             }
+        };
+        if is_open {
+            open = Some(OpenPart::of(sample, surface.sample_mm[id.index()], own_mm2).with(open));
         }
     }
-    if failed as f64 > by_noise(measured) {
-        Conformity::Fail
-    } else if measured > 0 && failed == 0 && open == 0 && passed_mm2 >= min_area_mm2 {
-        Conformity::Pass
+    let are_enough = measured >= MIN_TO_FAIL || failed == measured && failed_mm2 >= min_area_mm2;
+    let (verdict, because) = if are_enough && failed > by_noise(measured) {
+        (Conformity::Fail, None)
+    } else if measured > 0 && open.is_none() && passed_mm2 >= min_area_mm2 {
+        (Conformity::Pass, None)
     } else {
-        Conformity::Undecided
-    }
+        let because = if measured < MIN_TO_FAIL { UndecidedBecause::FewSamples } else { UndecidedBecause::WithinNoise };
+        (Conformity::Undecided, (failed > 0).then_some(because))
+    };
+    Judged { verdict, open, passed_mm2, because }
 }
 
-/// Most of so many samples that noise lets fail at the limit: the tail of k = 2 and two standard deviations of their count.
-pub(super) fn by_noise(samples: usize) -> f64 {
+/// Most of so many samples that noise lets fail at the limit: the number that a binomial count with the tail of k = 2 exceeds with no
+/// more than the probability of two standard deviations (C. J. Clopper, E. S. Pearson, "The use of confidence or fiducial limits
+/// illustrated in the case of the binomial", Biometrika 26(4), 1934). Its normal approximation would let one of a few samples decide.
+pub(super) fn by_noise(samples: usize) -> usize {
     let count = samples as f64;
-    TAIL * count + 2.0 * (TAIL * (1.0 - TAIL) * count).sqrt()
+    if samples > MAX_COUNTED {
+        return (TAIL * count + 2.0 * (TAIL * (1.0 - TAIL) * count).sqrt()) as usize + 1;
+    }
+    let mut of_failed = (1.0 - TAIL).powf(count);
+    let (mut failed, mut up_to) = (0, of_failed);
+    while 1.0 - up_to > BY_CHANCE {
+        of_failed *= (count - failed as f64) / (failed as f64 + 1.0) * TAIL / (1.0 - TAIL);
+        failed += 1;
+        up_to += of_failed;
+    }
+    failed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One failing sample of three once made a region fail.
+    #[test]
+    fn noise_lets_one_of_a_few_samples_fail_and_a_fortieth_of_many() {
+        assert_eq!([0, 1, 3, 9, 10, 40, 400].map(by_noise), [0, 1, 1, 1, 2, 3, 17]);
+        let [below, above] = [MAX_COUNTED, MAX_COUNTED + 1].map(by_noise);
+        assert!(above >= below && above <= below + 1, "{below} {above}");
+    }
 }

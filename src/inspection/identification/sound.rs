@@ -83,6 +83,15 @@ impl Column {
     }
 }
 
+/// Takes points out of scans, two in seven, and marks what was removed of each.
+fn thin_out(scans: &mut [TakenScan], mark: fn(&mut Removed)) {
+    for taken in scans {
+        mark(&mut taken.removed);
+        let points_mm = &mut taken.scan.scanner_cloud.points_mm;
+        points_mm.iter_mut().enumerate().filter(|(cell, _)| cell % 7 < 2).for_each(|(_, point)| *point = [f32::NAN; 3]);
+    }
+}
+
 fn every(step_px: u32) -> SimulationParams {
     SimulationParams { step_px, ..SimulationParams::default() }
 }
@@ -141,13 +150,19 @@ fn a_merged_cloud_teaches_nothing_and_says_so() {
 fn cells_between_the_points_of_a_cloud_without_a_grid_tell_nothing() {
     let column = Column::new(20.0);
     let mut scans = column.taken(&every(8));
-    for taken in &mut scans {
-        taken.removed.is_projected = true;
-        let points_mm = &mut taken.scan.scanner_cloud.points_mm;
-        points_mm.iter_mut().enumerate().filter(|(cell, _)| cell % 7 < 2).for_each(|(_, point)| *point = [f32::NAN; 3]);
-    }
+    thin_out(&mut scans, |removed| removed.is_projected = true);
     let found = column.inspected(scans);
     check_teaches_no_limit(&found, "thinned");
+    assert!(returns_of(&found).is_none() && found.offer.withheld == [Withheld::CoarseCloud], "{:?}", found.offer);
+}
+
+/// A cloud in the camera's grid that was thinned taught how many easy pairs the scanner loses.
+#[test]
+fn cells_between_the_points_of_a_sparse_cloud_in_the_camera_s_grid_tell_nothing() {
+    let column = Column::new(20.0);
+    let mut scans = column.taken(&every(8));
+    thin_out(&mut scans, |removed| removed.is_sparse = true);
+    let found = column.inspected(scans);
     assert!(returns_of(&found).is_none() && found.offer.withheld == [Withheld::CoarseCloud], "{:?}", found.offer);
 }
 
@@ -156,11 +171,7 @@ fn cells_between_the_points_of_a_cloud_without_a_grid_tell_nothing() {
 fn a_cloud_without_a_grid_that_teaches_no_limit_still_tells_its_noise() {
     let block = Column::of(box_mesh([-25.0, -25.0, 0.0], [25.0, 25.0, 20.0]));
     let mut scans = block.taken(&every(8));
-    for taken in &mut scans {
-        taken.removed.is_projected = true;
-        let points_mm = &mut taken.scan.scanner_cloud.points_mm;
-        points_mm.iter_mut().enumerate().filter(|(cell, _)| cell % 7 < 2).for_each(|(_, point)| *point = [f32::NAN; 3]);
-    }
+    thin_out(&mut scans, |removed| removed.is_projected = true);
     let found = block.inspected(scans);
     assert!(returns_of(&found).is_none() && found.offer.withheld == [Withheld::CoarseCloud], "{:?}", found.offer);
     let noise = found.learned.as_ref().and_then(|learned| learned.noise.as_ref());

@@ -8,7 +8,7 @@
 //! [`crate::inspection::coverage`] asks of the points around the sample holds on the model itself.
 //!
 //! A cloud that came without the camera's grid does not tell where the scanner looked: its cells tell only where nearly all easy pairs
-//! returned. A merged cloud tells nothing, since the view of its points is not known.
+//! returned. The same holds of a sparse cloud, whatever its grid. A merged cloud tells nothing, since the view of its points is not known.
 //!
 //! A view that kept its stated pose tells nothing: it is not known to lie where its samples are looked for. A pair tells nothing either
 //! where the points around it show that the part differs from the model there, since they lie off it or are of a surface that looks
@@ -116,7 +116,7 @@ pub fn telling(returns: &Returns, input: &TellingInput<'_>, ctx: &Context<'_>) -
         if !is_registered(place) {
             verdicts.iter_mut().filter(|verdict| **verdict == Verdict::Tells).for_each(|verdict| *verdict = Verdict::Misplaced);
         }
-        if removed.is_some_and(|removed| removed.is_projected) && !fills_cells(&pairs, &verdicts) {
+        if removed.is_some_and(|removed| removed.is_projected || removed.is_sparse) && !fills_cells(&pairs, &verdicts) {
             verdicts.iter_mut().filter(|verdict| **verdict == Verdict::Tells).for_each(|verdict| *verdict = Verdict::Coarse);
         }
         let count = |wanted: Verdict| verdicts.iter().filter(|verdict| **verdict == wanted).count();

@@ -18,6 +18,13 @@ const RUN: usize = 5;
 const ALIKE: f64 = 0.25;
 const MIN_OUTER: f64 = 0.25;
 
+/// Fewest points of which most may be islands without being removed: fewer are specks. Not from a source: five islands' worth.
+const MIN_SPARSE_POINTS: usize = 100;
+/// Share of all points that are no islands, and share of the neighbours of these that are occupied, from which on they are a surface and
+/// the islands its specks. Not from a source: pieces of a cloud with random gaps, where most are islands, have two thirds of theirs.
+const MIN_SURFACE: f64 = 0.25;
+const MIN_SURFACE_FILL: f64 = 0.75;
+
 closed_list! {
     /// Reason for which points are removed.
     pub enum RemovedBecause {
@@ -26,7 +33,8 @@ closed_list! {
         /// Every triangle with its neighbours is seen more flatly than 85°, or it hangs between a nearer and a farther neighbour and is
         /// not on a wall that continues over five pixels.
         MixedPixel = "mixed_pixel",
-        /// One of fewer than 20 points that hang together.
+        /// One of fewer than 20 points that hang together. Where most of a view's points are such ones, and the others no surface, the
+        /// view is sparse and keeps them.
         Isolated = "isolated",
         /// The point lies on the plate or below it.
         Plate = "plate",
@@ -50,6 +58,8 @@ pub struct Removed {
     pub fixture_cells: Vec<u32>,
     /// Space over the plate in which points were taken for the plate's; `None` where the plate's place is not known.
     pub plate: Option<PlateZone>,
+    /// True if most points have none beside them in the grid, and the others are no surface: islands were kept then.
+    pub is_sparse: bool,
     /// True if the cloud came without the camera's grid, and its points were put into cells: an empty cell may lie between points.
     pub is_projected: bool,
 }
@@ -102,7 +112,7 @@ pub struct CleanOptions {
     pub mixed_deg: f64,
     /// Step in depth between neighbours that is an edge, mm.
     pub step_mm: f64,
-    /// Fewer points that hang together are removed.
+    /// Fewer points that hang together are removed, unless most of a view's are such ones.
     pub min_island: usize,
 }
 
@@ -128,8 +138,32 @@ pub(super) fn clean(
     let mixed = mixed_pixels(&cloud, grid, options);
     remove(&mut cloud, removed, RemovedBecause::MixedPixel, |cell, _| mixed[cell]);
     let island = islands(&cloud, grid, options);
-    remove(&mut cloud, removed, RemovedBecause::Isolated, |cell, _| island[cell]);
+    let (points, of_islands) = (cloud.finite().count(), island.iter().filter(|is_small| **is_small).count());
+    removed.is_sparse = points >= MIN_SPARSE_POINTS && 2 * of_islands > points && !has_surface(&cloud, grid, &island);
+    if !removed.is_sparse {
+        remove(&mut cloud, removed, RemovedBecause::Isolated, |cell, _| island[cell]);
+    }
     cloud
+}
+
+/// Returns true if points that are of no island are many, and lie close in the grid.
+fn has_surface(cloud: &PointCloud, grid: CloudGrid, island: &[bool]) -> bool {
+    let is_there = |cell: usize| !cloud.points_mm[cell][0].is_nan();
+    let (mut points, mut others, mut neighbours, mut occupied) = (0_usize, 0_usize, 0_usize, 0_usize);
+    for cell in (0..cloud.points_mm.len()).filter(|cell| is_there(*cell)) {
+        points += 1;
+        if island[cell] {
+            continue;
+        }
+        others += 1;
+        let right = (cell % grid.columns + 1 < grid.columns).then_some(cell + 1);
+        let below = (cell / grid.columns + 1 < grid.rows).then_some(cell + grid.columns);
+        for beside in right.into_iter().chain(below) {
+            neighbours += 1;
+            occupied += usize::from(is_there(beside));
+        }
+    }
+    others as f64 >= MIN_SURFACE * points as f64 && occupied as f64 >= MIN_SURFACE_FILL * neighbours as f64
 }
 
 fn remove(cloud: &mut PointCloud, removed: &mut Removed, reason: RemovedBecause, wanted: impl Fn(usize, &[f32; 3]) -> bool) {

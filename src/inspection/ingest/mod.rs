@@ -12,7 +12,7 @@ mod swapped;
 #[cfg(test)]
 mod tests;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use rayon::prelude::*;
 
@@ -20,7 +20,7 @@ use crate::cell::{Scanner, closed_list};
 use crate::geometry::cloud_io::StoredCloud;
 use crate::geometry::{LengthUnit, NearestFace, Part, Plate, PointCloud, Pose};
 use crate::inspection::registration::RegistrationOptions;
-use crate::inspection::registration::locate::{LocateOptions, NotLocated, PartPlace, RefinedAlone, place};
+use crate::inspection::registration::locate::{LocateOptions, NotLocated, PartPlace, PartPose, RefinedAlone, place};
 use crate::inspection::{PixelGrid, ViewScan};
 use crate::planning::context::{Cancelled, Context};
 
@@ -55,6 +55,10 @@ closed_list! {
         SymmetricPart = "symmetric_part",
         /// Long triangles that close holes were dropped.
         FilledHoles = "filled_holes",
+        /// Most points of the scan have none beside them: it was thinned too far to tell what lies between them.
+        SparseCloud = "sparse_cloud",
+        /// The scan has its points farther apart than the scanner takes them: surface beside edges and on steep walls is lost.
+        ThinnedCloud = "thinned_cloud",
         /// A view of the plan has no file.
         ViewMissing = "view_missing",
         /// The run that took the scans has no scan of some views: their planned poses are taken.
@@ -81,7 +85,13 @@ impl IngestCode {
             | Self::SymmetricPart
             | Self::ViewUnknown
             | Self::ViewDouble => true,
-            Self::Merged | Self::PartElsewhere | Self::FilledHoles | Self::ViewMissing | Self::PlannedPose => false,
+            Self::Merged
+            | Self::PartElsewhere
+            | Self::FilledHoles
+            | Self::SparseCloud
+            | Self::ThinnedCloud
+            | Self::ViewMissing
+            | Self::PlannedPose => false,
         }
     }
 }
@@ -116,10 +126,11 @@ pub struct IngestFinding {
     pub fits_viewpoint: Option<u32>,
     /// Units and frames that were tried, and the shares of the points that then lie where they should.
     pub tried: Vec<FrameAttempt>,
-    /// Longest triangle that was dropped, mm.
+    /// Longest triangle that was dropped, mm; of [`IngestCode::SparseCloud`] the distance that most points lie farther apart than, and of
+    /// [`IngestCode::ThinnedCloud`] the size of the cells that hold one each.
     pub longest_mm: Option<f64>,
     /// Views that the plan takes, ascending, of a file that is of none of them alone; of [`IngestCode::PlannedPose`] the views without a
-    /// scan; else empty.
+    /// scan, and of [`IngestCode::OtherPlan`] those whose files do not fit; else empty.
     pub viewpoints: Vec<u32>,
 }
 
@@ -127,6 +138,19 @@ impl IngestFinding {
     fn of(code: IngestCode, file: Option<String>, viewpoint: Option<u32>) -> Self {
         let (tried, viewpoints) = (Vec::new(), Vec::new());
         Self { code, file, viewpoint, taken_file: None, fits_viewpoint: None, tried, longest_mm: None, viewpoints }
+    }
+
+    /// Finding about a scan that fits where the files of other views do not.
+    fn of_other_plan(taken: TakenScan, misfits: impl IntoIterator<Item = u32>) -> Self {
+        let viewpoints = misfits.into_iter().collect::<BTreeSet<u32>>().into_iter().collect();
+        Self { viewpoints, ..Self::of(IngestCode::OtherPlan, Some(taken.file), Some(taken.scan.viewpoint)) }
+    }
+
+    /// Returns true if the file was left out since it does not lie on the part from its view. What does so in another unit or frame is a
+    /// scan of the part.
+    fn is_misfit(&self) -> bool {
+        let misfits = [IngestCode::WrongView, IngestCode::NoPart, IngestCode::UnitMismatch, IngestCode::FrameMismatch];
+        misfits.contains(&self.code) && self.tried.iter().all(|attempt| attempt.on_part < MIN_SHARE)
     }
 
     /// Names the number of a file that is no view of the plan, and the views that are: of findings that tell them.
@@ -168,8 +192,13 @@ pub struct Ingested {
     pub scans: Vec<TakenScan>,
     /// Takes the part's coordinates by the planned poses to those of the mesh: other than the identity where the part lies elsewhere.
     pub mesh_from_stated: Pose<Part, Part>,
+    /// True if that place is the best of a search over all turns; false if it was refined from the planned one or is the planned one.
+    pub is_searched: bool,
     /// Findings, in the order of files, then of views.
     pub findings: Vec<IngestFinding>,
+    /// Points of the files that were left out since they lie on the part nowhere, and fit no other view: each counts for no more than the
+    /// largest scan that was taken in.
+    pub stray_points: usize,
 }
 
 impl Ingested {
@@ -188,6 +217,9 @@ pub struct IngestOptions {
     pub clean: CleanOptions,
 }
 
+/// Size of cells that points without the camera's grid were put into, from which on the cloud is told as thinned, mm: scanners take points
+/// some tenths apart. Our choice.
+pub const THINNED_CELL_MM: f64 = 1.0;
 /// Minimum share of the points that has to lie where the view looks and on the part.
 pub const MIN_SHARE: f64 = 0.5;
 /// Shares of the points within 0.5 and 5 mm of the part below which a scan is of no view where others fit theirs. Not from a
@@ -225,6 +257,7 @@ pub fn ingest(
         read_file(file, clouds, world, (options, ctx))
     });
     let read: Vec<ReadFile> = read.collect::<Result<_, Cancelled>>()?;
+    let points: FilePoints = read.iter().map(|file| ((file.name.clone(), file.viewpoint), file.points)).collect();
     let mut ingested = Ingested::default();
     let (mut astray, mut swapped, mut prints) = (Vec::new(), Vec::new(), Fingerprints::new());
     for file in read {
@@ -259,6 +292,7 @@ pub fn ingest(
     ingested.leave_out_misfits(None, world, ctx)?;
     ingested.leave_out_copies(&prints);
     ingested.refuse_other_plan(world);
+    ingested.count_strays(&points);
     for capture in world.captures {
         if !ingested.scans.iter().any(|taken| taken.scan.viewpoint == capture.viewpoint) {
             ingested.findings.push(IngestFinding::of(IngestCode::ViewMissing, None, Some(capture.viewpoint)));
@@ -269,6 +303,8 @@ pub fn ingest(
 
 /// Fingerprints of files, by the view that each is of.
 type Fingerprints = BTreeMap<u32, u64>;
+/// Points of files, by name and view: several uploads may have one name.
+type FilePoints = BTreeMap<(String, Option<u32>), usize>;
 
 impl Ingested {
     /// Leaves out scans that lie on the part from another view alone, and where others fit their views also those that lie on it
@@ -338,38 +374,52 @@ impl Ingested {
         if self.mesh_from_stated != Pose::identity() && self.scans.len() > 1 {
             return;
         }
-        let misfits = [IngestCode::WrongView, IngestCode::NoPart, IngestCode::UnitMismatch, IngestCode::FrameMismatch];
-        // What lies on the part in another unit or frame is a scan of it.
-        let is_misfit = |finding: &&IngestFinding| {
-            misfits.contains(&finding.code) && finding.tried.iter().all(|attempt| attempt.on_part < MIN_SHARE)
-        };
         // Of several setups, the part may have been put down otherwise in one alone.
         let place_of = |viewpoint: Option<u32>| {
             world.captures.iter().find(|capture| Some(capture.viewpoint) == viewpoint).and_then(|capture| capture.part_from_plate)
         };
-        let missed: Vec<Option<Pose<Part, Plate>>> =
-            self.findings.iter().filter(is_misfit).map(|finding| place_of(finding.viewpoint)).collect();
+        let misfits = self.findings.iter().filter(|finding| finding.is_misfit());
+        let missed: Vec<_> = misfits.map(|finding| (finding.viewpoint, place_of(finding.viewpoint))).collect();
         let fitted: Vec<Option<Pose<Part, Plate>>> =
             self.scans.iter().map(|taken| place_of(Some(taken.scan.viewpoint))).collect();
-        let count = |places: &[Option<Pose<Part, Plate>>], of: &Option<Pose<Part, Plate>>| {
-            places.iter().filter(|place| *place == of).count()
-        };
         for (taken, place) in std::mem::take(&mut self.scans).into_iter().zip(&fitted) {
-            if count(&missed, place) <= count(&fitted, place) {
+            let missed: Vec<Option<u32>> = missed.iter().filter(|(_, other)| other == place).map(|(view, _)| *view).collect();
+            if missed.len() <= fitted.iter().filter(|other| *other == place).count() {
                 self.scans.push(taken);
                 continue;
             }
-            let finding = IngestFinding::of(IngestCode::OtherPlan, Some(taken.file), Some(taken.scan.viewpoint));
-            self.findings.push(finding);
+            self.findings.push(IngestFinding::of_other_plan(taken, missed.into_iter().flatten()));
         }
         if self.scans.is_empty() {
-            self.mesh_from_stated = Pose::identity();
+            (self.mesh_from_stated, self.is_searched) = (Pose::identity(), false);
             self.findings.retain(|finding| finding.code != IngestCode::PartElsewhere);
         }
     }
 
+    /// Counts the points of files that were left out and lie nowhere. Those that fit another view are scans of the part.
+    fn count_strays(&mut self, points: &FilePoints) {
+        let largest = self.scans.iter().map(|taken| taken.scan.scanner_cloud.finite().count()).max().unwrap_or_default();
+        let strays = self.findings.iter().filter(|finding| finding.is_misfit() && finding.fits_viewpoint.is_none());
+        let of_file = |finding: &IngestFinding| points.get(&(finding.file.clone()?, finding.viewpoint));
+        self.stray_points = strays.filter_map(of_file).map(|points| largest.min(*points)).sum();
+    }
+
+    /// Returns true if less than half of all points lie on the part at a place that the taken scans told without those that are astray.
+    fn is_outvoted(&self, astray: &[TakenScan], found: &PartPose, world: &IngestWorld<'_>) -> bool {
+        let points = |taken: &TakenScan| taken.scan.scanner_cloud.finite().count();
+        let misses = |taken: &&TakenScan| {
+            let mesh_from_scanner = found.mesh_from_stated * taken.scan.part_from_scanner;
+            frames::share_on_part(&taken.scan.scanner_cloud, &mesh_from_scanner, world) < MIN_SHARE
+        };
+        let own = self.scans.iter().map(points).sum::<usize>() as f64;
+        let missing = astray.iter().filter(misses).map(points).sum::<usize>() as f64;
+        found.inlier_share * own < MIN_SHARE * (own + missing)
+    }
+
     /// Finds the part where it lies elsewhere than planned: by all scans together, and where that comes to nothing, by those that lie
-    /// on it as planned. `astray` are the others. Several setups have a place of the part each, and none is searched for.
+    /// on it as planned. `astray` are the others. Where these tell against the place, no place of the part is known: all are left out, since
+    /// scans judged at the planned place would be told as a part that deviates. Several setups have a place of the part each, and none is
+    /// searched for.
     ///
     /// `swapped` are scans that lie on the part from another view, as those of a turned part may too. They do not tell where it is. Once it
     /// was found, both are looked at again, and those that lie on it there are taken.
@@ -390,12 +440,18 @@ impl Ingested {
             placement = place(&self.scans.iter().collect::<Vec<_>>());
         }
         match placement {
+            PartPlace::Elsewhere(found) if !takes_all && self.is_outvoted(&astray, &found, world) => {
+                for taken in self.scans.drain(..) {
+                    let misfits = astray.iter().map(|other| other.scan.viewpoint);
+                    self.findings.push(IngestFinding::of_other_plan(taken, misfits));
+                }
+            }
             PartPlace::Elsewhere(found) => {
                 for taken in astray.into_iter().chain(swapped) {
                     self.take_again(taken, &found.mesh_from_stated, world);
                 }
                 self.scans.sort_by_key(|taken| taken.scan.viewpoint);
-                self.mesh_from_stated = found.mesh_from_stated;
+                (self.mesh_from_stated, self.is_searched) = (found.mesh_from_stated, found.is_searched);
                 self.findings.push(IngestFinding::of(IngestCode::PartElsewhere, None, None));
             }
             PartPlace::Unknown(found) if found.refused == Some(NotLocated::AmbiguousPose) => {
@@ -434,6 +490,8 @@ struct ReadFile {
     scans: Vec<TakenScan>,
     findings: Vec<IngestFinding>,
     fit: ViewFit,
+    /// Points of its first scan, as cleaned; of a file of which none was made, those that it holds.
+    points: usize,
     /// Fingerprint of its points, unless they are few.
     print: Option<u64>,
 }
@@ -467,8 +525,9 @@ fn read_file(
     let capture = capture.filter(|_| !is_of_several).or_else(|| world.captures.first().filter(|_| is_only));
     let viewpoint = capture.map(|capture| capture.viewpoint);
     let print = swapped::fingerprint(&file.cloud);
+    let points = file.cloud.points.iter().filter(|point| !point[0].is_nan()).count();
     let (name, fit) = (label(&file), ViewFit::OnPart);
-    let mut read = ReadFile { name, viewpoint, scans: Vec::new(), findings: Vec::new(), fit, print };
+    let mut read = ReadFile { name, viewpoint, scans: Vec::new(), findings: Vec::new(), fit, points, print };
     match capture {
         Some(capture) => take_view(file, capture, world, options, &mut read),
         None if is_alone => take_merged(file, number, world, (options, ctx), &mut read)?,
@@ -476,6 +535,9 @@ fn read_file(
             let finding = IngestFinding::of(IngestCode::ViewUnknown, Some(read.name.clone()), None);
             read.findings.push(finding.with_number(number, world));
         }
+    }
+    if let Some(taken) = read.scans.first() {
+        read.points = taken.scan.scanner_cloud.finite().count();
     }
     Ok(read)
 }
@@ -527,10 +589,32 @@ fn take_view(file: ScanFile, capture: &PlannedCapture, world: &IngestWorld<'_>, 
     let fits = grid.is_some_and(|grid| organise::is_in_cells(&cloud, &grid));
     let cloud = if fits { cloud } else { organise::project(&cloud.points_mm, world.scanner, &mut removed) };
     let scanner_cloud = clean::clean(cloud, capture, world, &options.clean, &mut removed);
+    let cell_mm = cell_mm(&scanner_cloud, world.scanner);
+    if let Some(code) = thinned_code(&removed, cell_mm) {
+        let finding = IngestFinding::of(code, Some(name.clone()), Some(capture.viewpoint));
+        into.findings.push(IngestFinding { longest_mm: cell_mm, ..finding });
+    }
     let scan = ViewScan { viewpoint: capture.viewpoint, part_from_scanner: capture.part_from_scanner, scanner_cloud };
     let (unit, frame) = (best.unit, best.frame);
     into.scans.push(TakenScan { scan, file: name, unit, frame, fit: best, points, removed, is_approximate: false });
     into.fit = fit;
+}
+
+/// Code of a scan whose points lie too far apart, by what its cleaning found and the size of its cells.
+fn thinned_code(removed: &Removed, cell_mm: Option<f64>) -> Option<IngestCode> {
+    let is_thinned = removed.is_projected && cell_mm.is_some_and(|cell_mm| cell_mm >= THINNED_CELL_MM);
+    match (removed.is_sparse, is_thinned) {
+        (true, _) => Some(IngestCode::SparseCloud),
+        (false, true) => Some(IngestCode::ThinnedCloud),
+        (false, false) => None,
+    }
+}
+
+/// Length of a cell of an organised cloud on a surface at the mean depth of its points, mm.
+fn cell_mm(cloud: &PointCloud, scanner: &Scanner) -> Option<f64> {
+    let grid = PixelGrid::of_size(scanner, cloud.grid?)?;
+    let depths_mm: Vec<f64> = cloud.finite().map(|(_, point)| point.z).collect();
+    Some(grid.cell_mm(depths_mm.iter().sum::<f64>() / depths_mm.len().max(1) as f64))
 }
 
 /// Points in millimetres and in the scanner's frame, without those that only close holes; the longest triangle that did.

@@ -169,6 +169,7 @@ fn a_scan_that_misses_a_part_that_lies_elsewhere_is_refused_all_the_same() {
     };
     let taken = cell.ingest((0..4).map(file).collect());
     assert_eq!(codes(&taken), [IngestCode::NoPart, IngestCode::PartElsewhere], "{:?}", taken.findings);
+    assert!(taken.stray_points > 0, "its points lie nowhere");
     let views: Vec<u32> = taken.scans.iter().map(|taken| taken.scan.viewpoint).collect();
     assert_eq!(views, [1, 2, 4]);
 }
@@ -285,6 +286,68 @@ fn one_scan_under_two_views_counts_once() {
     assert_eq!(told(&both), (vec![1, 2], vec![]), "{:?}", both.findings);
 }
 
+/// A place that three of five turned scans told by chance was taken for the part's, whatever the other two said.
+#[test]
+fn scans_that_lie_nowhere_tell_against_a_place_that_was_searched_for() {
+    let cell = Cell::new();
+    let nearest = NearestFace::new(&cell.mesh);
+    let world = IngestWorld { scanner: &cell.scanner, nearest: &nearest, captures: &cell.captures, fixtures: &[] };
+    let mut taken = cell.ingest(vec![cell.file(0, LengthUnit::Millimetre, ScanFrame::Scanner, "1.ply")]);
+    let own = taken.scans[0].clone();
+    let largest = own.scan.scanner_cloud.finite().count();
+    taken.scans = vec![own.clone(); 2];
+    let found = PartPose { mesh_from_stated: Pose::identity(), inlier_share: 0.8, is_searched: true };
+    let mut elsewhere = own.clone();
+    let far: Pose<Part, Part> = Pose::claim(Isometry3::translation(300.0, 0.0, 0.0));
+    elsewhere.scan.part_from_scanner = far * own.scan.part_from_scanner;
+    let is_outvoted = |astray: &[TakenScan]| taken.is_outvoted(astray, &found, &world);
+    assert!(!is_outvoted(&[elsewhere.clone()]), "0.8 of two of three");
+    assert!(is_outvoted(&[elsewhere.clone(), elsewhere]), "0.8 of two of four");
+    assert!(!is_outvoted(&[own.clone(), own]), "they lie on the part there as well");
+    let finding = |code: IngestCode, file: &str| IngestFinding::of(code, Some(file.to_owned()), Some(2));
+    taken.findings = vec![
+        finding(IngestCode::NoPart, "far.ply"),
+        // An upload of the same name, for another view.
+        IngestFinding { viewpoint: Some(3), ..finding(IngestCode::NoPart, "far.ply") },
+        finding(IngestCode::FrameMismatch, "small.ply"),
+        IngestFinding { fits_viewpoint: Some(3), ..finding(IngestCode::WrongView, "swapped.ply") },
+        finding(IngestCode::SameScan, "copy.ply"),
+    ];
+    let points =
+        [("far.ply", 2, usize::MAX), ("far.ply", 3, 5), ("small.ply", 2, 7), ("swapped.ply", 2, 900), ("copy.ply", 2, 900)];
+    taken.count_strays(&points.map(|(file, view, points)| ((file.to_owned(), Some(view)), points)).into());
+    assert_eq!(taken.stray_points, largest + 5 + 7);
+}
+
+/// Such scans stayed, and were judged at the planned place, where those that lie nowhere do not count.
+#[test]
+fn scans_that_tell_a_place_which_the_others_outvote_are_left_out() {
+    let moved = Isometry3::new(Vector3::new(4.8, -3.6, 0.0), Vector3::z() * 4.0_f64.to_radians());
+    let cell = Cell::holding(base(8_000).expect("a base"), &moved);
+    let file = |view: usize| {
+        let plain = cell.file(view, LengthUnit::Millimetre, ScanFrame::Scanner, &format!("view_{}.ply", view + 1));
+        ScanFile { frame: Some(ScanFrame::Scanner), ..plain }
+    };
+    let scans = cell.ingest([0, 1, 3].map(file).into()).scans;
+    assert_eq!(scans.len(), 3);
+    // Six scans, each of which lies elsewhere.
+    let astray = [0, 1, 2, 3, 4, 5].map(|place: usize| {
+        let mut taken = scans[0].clone();
+        let far_mm = Vector3::ith(place % 3, if place < 3 { 300.0 } else { -300.0 });
+        let far: Pose<Part, Part> = Pose::claim(Isometry3::from_parts(far_mm.into(), UnitQuaternion::identity()));
+        taken.scan.part_from_scanner = far * taken.scan.part_from_scanner;
+        taken
+    });
+    let nearest = NearestFace::new(&cell.mesh);
+    let world = IngestWorld { scanner: &cell.scanner, nearest: &nearest, captures: &cell.captures, fixtures: &[] };
+    let mut taken = Ingested { scans, ..Ingested::default() };
+    taken.place_part(astray.into(), Vec::new(), &world);
+    assert_eq!(codes(&taken), [IngestCode::OtherPlan; 3], "{:?}", taken.findings);
+    assert!(taken.scans.is_empty() && taken.mesh_from_stated == Pose::identity());
+    let views: Vec<&[u32]> = taken.findings.iter().map(|finding| &finding.viewpoints[..]).collect();
+    assert_eq!(views, [[1]; 3], "all that lie elsewhere are copies of viewpoint 1");
+}
+
 /// The one scan of another plan that fitted by chance was told as what was measured of the part.
 #[test]
 fn scans_of_which_most_fit_no_view_are_refused_and_each_is_named() {
@@ -299,6 +362,8 @@ fn scans_of_which_most_fit_no_view_are_refused_and_each_is_named() {
     refused.sort_unstable();
     assert_eq!((views, refused), (vec![], (1..=4).map(Some).collect()), "{:?}", other_plan.findings);
     assert!(refusals.contains(&(IngestCode::OtherPlan, Some(1), None)), "{refusals:?}");
+    let other_plan = other_plan.findings.iter().find(|finding| finding.code == IngestCode::OtherPlan).expect("a finding");
+    assert_eq!(other_plan.viewpoints, [2, 3, 4], "the views whose files do not fit");
     // Where at least half of the files fit, those are compared.
     let one_of_two = of(&[0, 4]);
     let (views, refusals) = told(&one_of_two);
@@ -552,6 +617,31 @@ fn the_zone_of_the_plate_cut_and_the_lack_of_a_grid_are_carried_with_a_scan() {
     assert!(cell.ingest(vec![bare]).scans[0].removed.is_projected);
 }
 
+/// A shiny part whose specks outnumber the points of its surface was taken for a sparse one, and kept all specks.
+#[test]
+fn specks_around_a_surface_are_removed_though_they_are_most_of_the_points() {
+    let cell = Cell::new();
+    let mut cloud = cell.clouds[0].clone();
+    let columns = cloud.grid.expect("a grid").columns;
+    let on_surface: Vec<usize> = cloud.finite().map(|(number, _)| number).collect();
+    let is_lone = |number: &usize| (number % columns).is_multiple_of(2) && (number / columns).is_multiple_of(2);
+    let is_empty = |number: &usize| cloud.points_mm[*number][0].is_nan();
+    let lone: Vec<usize> = (0..cloud.points_mm.len()).filter(is_lone).filter(is_empty).collect();
+    // Three specks for two points of the surface, all of them nearer than it.
+    let specks = lone.len().min(on_surface.len() * 3 / 2);
+    let surface = specks * 2 / 3;
+    on_surface[surface..].iter().for_each(|number| cloud.points_mm[*number] = [f32::NAN; 3]);
+    let nearest = cloud.finite().map(|(_, point)| point).min_by(|a, b| a.z.total_cmp(&b.z)).expect("a point");
+    let speck: [f32; 3] = (nearest.coords * 0.98).map(|value| value as f32).into();
+    lone[..specks].iter().for_each(|number| cloud.points_mm[*number] = speck);
+    let (kept, removed) = cleaned(&cell, cloud);
+    let isolated = removed.by_reason.get(&RemovedBecause::Isolated).copied().unwrap_or_default();
+    assert!(surface > 200 && !removed.is_sparse, "{surface}: {:?}", removed.by_reason);
+    assert!(isolated as f64 > 0.8 * specks as f64, "{isolated} of {specks}");
+    let after = kept.finite().count();
+    assert!(after as f64 > 0.8 * surface as f64 && (after as f64) < 1.3 * surface as f64, "{after} of {surface}");
+}
+
 /// Registration asks the neighbours in the grid of each point which way the surface around it looks.
 #[test]
 fn points_of_a_cloud_without_a_grid_get_neighbours_in_one() {
@@ -565,6 +655,48 @@ fn points_of_a_cloud_without_a_grid_get_neighbours_in_one() {
     let has_element = |number: usize| is_there(number + 1) && is_there(number + grid.columns);
     let found = cloud.finite().filter(|(number, _)| has_element(*number)).count();
     assert!(found as f64 > 0.5 * cloud.finite().count() as f64, "{found} of {}", cloud.finite().count());
+}
+
+/// Each point of a cloud with one in so many millimetres was an island, and no point of a good part was left.
+#[test]
+fn a_sparse_view_keeps_its_points_and_a_few_specks_are_removed() {
+    let cell = Cell::new();
+    let left = |is_kept: &dyn Fn(usize, usize) -> bool| {
+        let mut cloud = cell.clouds[0].clone();
+        let columns = cloud.grid.expect("a grid").columns;
+        let points = cloud.points_mm.iter_mut().enumerate();
+        points.filter(|(number, _)| !is_kept(number % columns, number / columns)).for_each(|(_, point)| *point = [f32::NAN; 3]);
+        let before = cloud.finite().count();
+        let (kept, removed) = cleaned(&cell, cloud);
+        (before, kept.finite().count(), removed.by_reason.get(&RemovedBecause::Isolated).copied())
+    };
+    let (before, after, isolated) = left(&|column, row| column.is_multiple_of(2) && row.is_multiple_of(2));
+    assert!(before > 200 && after as f64 > 0.8 * before as f64 && isolated.is_none(), "{after} of {before}: {isolated:?}");
+    let (before, after, isolated) = left(&|column, row| column.is_multiple_of(20) && row.is_multiple_of(20));
+    assert!((1..100).contains(&before) && after == 0 && isolated.is_some(), "{after} of {before}: {isolated:?}");
+    let mut file = cell.file(0, LengthUnit::Millimetre, ScanFrame::Scanner, "1.ply");
+    let columns = file.cloud.grid.expect("a grid").columns;
+    for (number, point) in file.cloud.points.iter_mut().enumerate() {
+        if !((number % columns).is_multiple_of(2) && (number / columns).is_multiple_of(2)) {
+            *point = [f32::NAN; 3];
+        }
+    }
+    let taken = cell.ingest(vec![file]);
+    assert_eq!((codes(&taken), taken.scans.len()), (vec![IngestCode::SparseCloud], 1), "{:?}", taken.findings);
+    assert!(taken.findings[0].longest_mm.is_some_and(|mm| (0.5..2.0).contains(&mm)), "{:?}", taken.findings);
+}
+
+/// Walls and edges of a cloud with a point in two millimetres were lost, and nothing told of its spacing.
+#[test]
+fn a_cloud_is_told_as_thinned_from_a_millimetre_between_its_points_on() {
+    let code = |is_projected: bool, is_sparse: bool, cell_mm: f64| {
+        super::thinned_code(&Removed { is_projected, is_sparse, ..Removed::default() }, Some(cell_mm))
+    };
+    let thinned = Some(IngestCode::ThinnedCloud);
+    assert_eq!([0.6, 1.0, 1.7].map(|mm| code(true, false, mm)), [None, thinned, thinned]);
+    assert_eq!(code(false, false, 1.7), None, "the camera's grid tells which of its pixels have a point");
+    assert_eq!(code(true, true, 1.7), Some(IngestCode::SparseCloud));
+    assert_eq!(super::thinned_code(&Removed { is_projected: true, ..Removed::default() }, None), None);
 }
 
 #[test]

@@ -5,6 +5,7 @@ use nalgebra::{Point3, Vector3};
 use super::cut::FileBounds;
 use super::evidence::Zone;
 use super::foreign::Foreign;
+use super::scattered::is_scattered;
 use super::shown::ShownSurface;
 use super::steps::near_steps;
 use super::{LossCause, Losses};
@@ -12,6 +13,7 @@ use crate::geometry::parallel;
 use crate::inspection::coverage::{
     ComparedViews, Footprint, IdentifiedLimits, MeasuredCoverage, ModelPoint, NominalModel, Return, Returns, ViewLookup,
 };
+use crate::inspection::ingest::{CleanOptions, Removed, THINNED_CELL_MM};
 use crate::inspection::mirror::Reflection;
 use crate::planning::ConcaveZone;
 use crate::planning::context::{Cancelled, Context};
@@ -25,6 +27,11 @@ const BLOCK: usize = 512;
 const FALL_DEG: f64 = 4.0;
 /// Pairs of a scan by which the evidence of a weakness is judged.
 const EVIDENCE_PAIRS: usize = 2000;
+/// Cells by which the points of neighbouring cells may be apart in a cloud that was put into cells, and in one that has the camera's grid.
+const PROJECTED_APART: f64 = 2.0;
+const ORGANISED_APART: f64 = 1.0;
+/// Size of such a cell from which on a few that hang together may be a feature of the part: 20 of them cover 20 mm².
+const COARSE_CELL_MM: f64 = THINNED_CELL_MM;
 
 /// Light that a sample returns to the cameras.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,8 +64,8 @@ pub struct LossInput<'a> {
     pub light: Option<&'a (dyn Fn(usize, SampleId) -> Light + Sync)>,
     /// Level of brightness of the scans, where it is known.
     pub level: Option<u8>,
-    /// Cells whose points were taken out as each scan was cleaned, ascending; empty where nothing was.
-    pub filtered_cells: &'a [Vec<u32>],
+    /// Points that were taken out as each scan was cleaned, in the order of the scans; none of a scan that is not there.
+    pub removed: &'a [&'a Removed],
 }
 
 /// Puts every planned sample that is not measured down to a cause.
@@ -77,8 +84,10 @@ pub fn attribute(input: &LossInput<'_>, ctx: &Context<'_>) -> Result<Losses, Can
     let optics = Optics::new(input.compared.scanner, input.compared.params, &input.compared.surface.requirements);
     let realism = &input.compared.params.realism;
     let corner = ConcaveZone::new(input.model.mesh(), realism.concave_dihedral_deg.to_radians(), realism.concave_zone_mm, ctx)?;
-    let scan = |place| ScanLosses::new(input, &optics, &corner, place, ctx);
-    let scans: Vec<ScanLosses<'_>> = (0..input.compared.scanned.len()).map(scan).collect();
+    let scans: Vec<ScanLosses<'_>> = parallel::try_map_range(input.compared.scanned.len(), |place| {
+        ctx.check()?;
+        Ok::<_, Cancelled>(ScanLosses::new(input, &optics, &corner, place, ctx))
+    })?;
     let evidence = Evidence::of(&scans, ctx)?;
     for scan in &scans {
         for (sample, found) in scan.causes(&lost, &evidence, ctx)? {
@@ -117,7 +126,7 @@ struct Evidence {
 impl Evidence {
     fn of(scans: &[ScanLosses<'_>], ctx: &Context<'_>) -> Result<Self, Cancelled> {
         let mut evidence = Self { edges: Zone::default(), corners: Zone::default() };
-        for scan in scans {
+        for scan in scans.iter().filter(|scan| !scan.is_scattered) {
             ctx.check()?;
             // What is lost beyond the limits, or for the light, is no evidence of anything else.
             let is_fair =
@@ -128,7 +137,7 @@ impl Evidence {
             let points: Vec<_> = some.iter().map(|pair| scan.sample(pair.sample)).collect();
             for ((pair, point), is_near) in some.iter().zip(&points).zip(scan.near_steps(&points, ctx)) {
                 let in_corner = scan.corner.holds(&point.0, &point.1);
-                if !in_corner {
+                if !in_corner && !scan.is_wide {
                     evidence.edges.count(is_near, pair.is_returned);
                 }
                 if !is_near {
@@ -148,6 +157,11 @@ struct ScanLosses<'a> {
     reflection: Reflection,
     foreign: Foreign,
     bounds: FileBounds,
+    /// True if empty cells lie between its points everywhere.
+    is_scattered: bool,
+    /// True if its points were put into cells wider than the zone beside a step in which scanners may lack points: what a cell there
+    /// holds tells of the cell.
+    is_wide: bool,
     corner: &'a ConcaveZone,
     /// Planned pairs, with the place of the sample's image in cells.
     pairs: Vec<(Return, [f64; 2])>,
@@ -178,7 +192,10 @@ impl<'a> ScanLosses<'a> {
             input,
             place,
             foreign: Foreign::find(&lookup.cloud, input.model, pose, compared.compare.search_mm, ctx),
-            bounds: FileBounds::find(&pairs),
+            bounds: FileBounds::find(&pairs, &lookup.cloud, input.removed.get(place).map_or(&[], |removed| &removed.cells)),
+            is_scattered: is_scattered(&lookup.cloud),
+            is_wide: input.removed.get(place).is_some_and(|removed| removed.is_projected)
+                && lookup.cloud.grid().step_px > compared.compare.edge_px,
             reflection: Reflection::new(compared.scanner).at(pose),
             lookup,
             corner,
@@ -292,6 +309,9 @@ impl<'a> ScanLosses<'a> {
     }
 
     fn zone_cause(&self, lost: &LostPair, evidence: &Evidence) -> Option<LossCause> {
+        if self.is_scattered || self.is_between_points(lost) || self.is_in_wide_cell(lost) {
+            return None;
+        }
         if lost.is_near_step && evidence.edges.is_weak() {
             return Some(LossCause::Edge);
         }
@@ -321,14 +341,59 @@ impl<'a> ScanLosses<'a> {
         if let Some(shown) = shown {
             return if shown.is_noisy() { LossCause::Noisy } else { LossCause::Sparse };
         }
+        if self.is_filtered(lost) {
+            return if self.is_too_sparse_to_clean(lost) { LossCause::Sparse } else { LossCause::Filtered };
+        }
+        if self.is_grazing(&lost.pair, lost.model.as_ref(), FALL_DEG) {
+            LossCause::Grazing
+        } else if footprint == Footprint::Empty
+            && (self.is_scattered || self.is_between_points(lost) || self.is_in_wide_cell(lost))
+        {
+            LossCause::Sparse
+        } else {
+            LossCause::Unexplained
+        }
+    }
+
+    fn removed(&self) -> Option<&'a Removed> {
+        self.input.removed.get(self.place).copied()
+    }
+
+    /// Returns true if the point of a sample's cell was taken out.
+    fn is_filtered(&self, lost: &LostPair) -> bool {
         let grid = self.lookup.cloud.grid();
         let cell = grid.cell_at(lost.place).map(|cell| grid.number(cell) as u32);
-        let filtered = self.input.filtered_cells.get(self.place);
-        let is_filtered = filtered.zip(cell).is_some_and(|(cells, cell)| cells.binary_search(&cell).is_ok());
-        if is_filtered {
-            return LossCause::Filtered;
+        self.removed().zip(cell).is_some_and(|(removed, cell)| removed.cells.binary_search(&cell).is_ok())
+    }
+
+    /// Returns true if the points lie too far apart for the cleaning to tell those of the sample's own surface from specks and from mixed
+    /// ones: a few cells hold a feature, or neighbours differ in depth by what is taken for an edge. What was taken for the plate's is told
+    /// by its height.
+    fn is_too_sparse_to_clean(&self, lost: &LostPair) -> bool {
+        let Some(removed) = self.removed() else { return false };
+        let cell_mm = self.lookup.cloud.grid().cell_mm(lost.pair.depth_mm);
+        let scanner_mm = self.lookup.scanner_from_part * lost.point.0;
+        if removed.plate.is_some_and(|zone| zone.holds(&scanner_mm, cell_mm)) {
+            return false;
         }
-        let falls = self.is_grazing(&lost.pair, lost.model.as_ref(), FALL_DEG);
-        if falls { LossCause::Grazing } else { LossCause::Unexplained }
+        let apart = if removed.is_projected { PROJECTED_APART } else { ORGANISED_APART };
+        let rise_mm = apart * cell_mm * lost.pair.incidence_rad.left.tan();
+        let is_coarse = removed.is_projected && cell_mm >= COARSE_CELL_MM;
+        self.is_scattered || is_coarse || rise_mm > CleanOptions::default().step_mm
+    }
+
+    /// Returns true if the sample lies beside a step, in a cell that reaches across it.
+    fn is_in_wide_cell(&self, lost: &LostPair) -> bool {
+        self.is_wide && lost.is_near_step
+    }
+
+    /// Returns true if the sample's cell is an empty one between two others with points, above and below or to the left and right, of a
+    /// cloud that was put into cells: its points lie anywhere in them, and leave some out.
+    fn is_between_points(&self, lost: &LostPair) -> bool {
+        let cloud = &self.lookup.cloud;
+        let Some(cell) = cloud.grid().cell_at(lost.place) else { return false };
+        let has = |right, down| cloud.neighbour(cell, right, down).is_some();
+        let is_gap = || cloud.point(cell).is_none() && ((has(-1, 0) && has(1, 0)) || (has(0, -1) && has(0, 1)));
+        self.removed().is_some_and(|removed| removed.is_projected) && is_gap()
     }
 }

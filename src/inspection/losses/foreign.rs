@@ -1,7 +1,7 @@
 //! Points of a scan that lie in front of the model, where it has nothing: of a body that the plan does not know. What lies
 //! behind them on the way to a device is hidden by it.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use crate::cell::PerDevice;
 use crate::geometry::{Part, Pose, ScannerFrame};
@@ -25,7 +25,7 @@ pub(super) struct Foreign {
 }
 
 impl Foreign {
-    /// Looks for points more than `search_mm` in front of the model.
+    /// Looks for points more than `search_mm` in front of the model on their own rays.
     pub(super) fn find(
         cloud: &GriddedCloud<'_>,
         model: &NominalModel<'_>,
@@ -37,16 +37,19 @@ impl Foreign {
         let stride = (STRIDE_PX / grid.step_px).round().max(1.0) as usize;
         let rows = (0..grid.size.rows).step_by(stride);
         let cells = rows.flat_map(|row| (0..grid.size.columns).step_by(stride).map(move |column| [column, row]));
-        let (cells, points): (Vec<usize>, Vec<Point3<f64>>) =
-            cells.filter_map(|cell| Some((grid.number(cell), pose.point(&cloud.point(cell)?)))).unzip();
+        let points: Vec<Point3<f64>> = cells.filter_map(|cell| Some(pose.point(&cloud.point(cell)?))).collect();
         let centre_mm = pose.point(&grid.centre_mm());
-        let on_model = model.at_cells(pose, grid, &cells, ctx);
-        let in_front = |(point, model): (Point3<f64>, Option<crate::inspection::coverage::ModelPoint>)| {
-            let is_in_front =
-                model.is_some_and(|model| (point - centre_mm).norm() < (model.point_mm - centre_mm).norm() - search_mm);
-            (is_in_front || model.is_none()).then_some(point)
-        };
-        let mut points_mm: Vec<Point3<f64>> = points.into_iter().zip(on_model).filter_map(in_front).collect();
+        // By its own ray: that through the middle of a large cell may meet another level of a step.
+        let rays: Vec<Vector3<f64>> = points.iter().map(|point| point - centre_mm).collect();
+        let mut hits = Vec::new();
+        model.surfaces().first_hits_from(ctx.simd_level(), &centre_mm, &rays, &mut hits);
+        let is_in_front =
+            |ray: &Vector3<f64>, share: Option<f64>| share.is_none_or(|share| (share - 1.0) * ray.norm() > search_mm);
+        let on_rays = points.into_iter().zip(&rays).zip(&hits);
+        let mut points_mm: Vec<Point3<f64>> = on_rays
+            .filter(|((_, ray), hit)| is_in_front(ray, hit.as_ref().map(|hit| hit.share)))
+            .map(|((point, _), _)| point)
+            .collect();
         if points_mm.len() < MIN_POINTS {
             points_mm.clear();
         }

@@ -5,7 +5,11 @@
 //! ([`crate::planning::method::causes`]). Grazing, glare and blur hold beyond the limits that were identified, not the scanner's own.
 //!
 //! A weakness near steps of depth and in corners holds only where the scans show it: pairs of view and sample of which the
-//! geometry expects a point return there at most three quarters as often as elsewhere ([`evidence`]).
+//! geometry expects a point return there at most three quarters as often as elsewhere ([`evidence`]). A scan whose points lie scattered
+//! in its grid shows none: an empty cell between them is one of too few points. So is one between two points of a cloud that came without
+//! the camera's grid, and one whose point was taken out where cells are coarse, or neighbours on the surface itself lie as far apart in depth
+//! as edges do. Where points were put into cells wider than the zone beside a step, whatever is lost there is one of too few points too: a
+//! cell that reaches across the step holds a point of one side.
 //!
 //! That the part deviates or that points scatter is told by the points, each against the face that its ray meets ([`shown`]): an exact
 //! scan shows neither, at edges and with coarse grids no more than elsewhere.
@@ -17,10 +21,13 @@ mod attribute;
 mod cut;
 mod evidence;
 mod foreign;
+mod scattered;
 mod shown;
 mod steps;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod thinned;
 
 pub use attribute::{Light, LossInput, attribute};
 
@@ -59,7 +66,8 @@ closed_list! {
         Saturated = "saturated",
         /// Beyond the identified depth.
         DepthBlur = "depth_blur",
-        /// No ray of the grid meets the sample's surface, or too few points lie around it on that surface.
+        /// No ray of the grid meets the sample's surface, or the cloud has too few points there: around it on that surface, between its cells,
+        /// or to tell surface from specks as it was cleaned.
         Sparse = "sparse",
         /// Points are there, and scatter too much.
         Noisy = "noisy",

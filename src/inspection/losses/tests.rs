@@ -8,6 +8,7 @@ use crate::geometry::Mesh;
 use crate::geometry::demo_parts::DemoPart;
 use crate::inspection::ViewScan;
 use crate::inspection::coverage::IdentifiedLimits;
+use crate::inspection::ingest::Removed;
 use crate::inspection::rehearsal::{Judged, Knowledge, Rehearsal, quick_params, shared_part};
 use crate::inspection::shots::merged;
 use crate::inspection::simulated_scanner::{CellFate, ScannedScene, SimulatedView, SimulationParams, crop};
@@ -196,15 +197,15 @@ fn light_blur_and_filters_are_named_where_something_is_known_of_them() {
     assert!(dark == 0.0 && unexplained > 0.0, "nothing is known of the light");
     // Cells that were taken out.
     let mut views = base.scan(&sim(), base.as_planned());
-    let mut filtered_cells = vec![Vec::new(); views.len()];
-    for (view, filtered) in views.iter_mut().zip(&mut filtered_cells) {
+    let mut removed = vec![Removed::default(); views.len()];
+    for (view, removed) in views.iter_mut().zip(&mut removed) {
         let cells = view.scan.scanner_cloud.points_mm.iter_mut().enumerate();
         for (cell, point) in cells.filter(|(cell, point)| cell % 5 < 3 && cell / 700 % 5 < 3 && point[0].is_finite()) {
             *point = [f32::NAN; 3];
-            filtered.push(cell as u32);
+            removed.cells.push(cell as u32);
         }
     }
-    let judged = base.judge(&views, &Knowledge { filtered_cells, ..Knowledge::default() });
+    let judged = base.judge(&views, &Knowledge { removed, ..Knowledge::default() });
     let [filtered, unexplained] =
         [LossCause::Filtered, LossCause::Unexplained].map(|cause| asked_share(&judged, judged.losses.area_mm2(cause)));
     assert!(filtered > 0.02 && unexplained < 0.005, "{filtered} {unexplained}");

@@ -65,6 +65,22 @@ pub(super) struct CellMean {
     pub(super) weight: f64,
 }
 
+/// Sum Σw + 1/σ² of a cell.
+fn weight_of(means: &[CellMean], deviation_sd_mm: f64) -> f64 {
+    means.iter().map(|mean| mean.weight).sum::<f64>() + deviation_sd_mm.powi(-2)
+}
+
+/// Adds the gradient of a cell whose surface deviates by an unknown d ~ N(0, σ²).
+pub(super) fn add_gradient(gradient: &mut DVector<f64>, means: &[CellMean], deviation_sd_mm: f64) {
+    // wᵀr / (Σw + 1/σ²): the deviation that fits best.
+    let weighted_mm = means.iter().map(|mean| mean.weight * mean.distance_mm).sum::<f64>();
+    let deviation_mm = weighted_mm / weight_of(means, deviation_sd_mm);
+    for mean in means {
+        let mut own = gradient.fixed_rows_mut::<FREEDOMS>(FREEDOMS * mean.view);
+        own += mean.row * (mean.weight * (mean.distance_mm - deviation_mm));
+    }
+}
+
 /// Views, the part below them, and what they observed together.
 pub(super) struct Arrow {
     /// Normal equations of all views, six rows a view, in their right perturbations.
@@ -92,13 +108,10 @@ impl Observations {
     /// Adds a cell whose surface deviates by an unknown d ~ N(0, σ²) that all views see alike. With d eliminated, the weight matrix of
     /// the means is W = diag(w) − w·wᵀ/(Σw + 1/σ²): one view alone counts 1/(τ² + σ²), the difference of two 1/(2τ²).
     pub(super) fn add(&mut self, means: &[CellMean], deviation_sd_mm: f64) {
-        let all: f64 = means.iter().map(|mean| mean.weight).sum::<f64>() + deviation_sd_mm.powi(-2);
-        // wᵀr / (Σw + 1/σ²): the deviation that fits best.
-        let deviation_mm = means.iter().map(|mean| mean.weight * mean.distance_mm).sum::<f64>() / all;
+        add_gradient(&mut self.gradient, means, deviation_sd_mm);
+        let all = weight_of(means, deviation_sd_mm);
         for (index, mean) in means.iter().enumerate() {
             let at = FREEDOMS * mean.view;
-            let mut gradient = self.gradient.fixed_rows_mut::<FREEDOMS>(at);
-            gradient += mean.row * (mean.weight * (mean.distance_mm - deviation_mm));
             for other in &means[..=index] {
                 let own = if mean.view == other.view { mean.weight } else { 0.0 };
                 let block = mean.row * other.row.transpose() * (own - mean.weight * other.weight / all);
@@ -141,6 +154,8 @@ pub(super) struct Covariances {
     pub(super) part: Matrix6<f64>,
     /// Covariance of the part with the freedoms that no observation fixes.
     pub(super) part_stated: Matrix6<f64>,
+    /// Covariance of the part by blocks of its surface.
+    pub(super) part_by_blocks: Matrix6<f64>,
     pub(super) views: Vec<Matrix6<f64>>,
 }
 
@@ -163,8 +178,9 @@ impl Arrow {
         Some(Solved { part_step, steps: (0..steps.len() / FREEDOMS).map(of_view).collect(), part_covariance, part_stated })
     }
 
-    /// Covariance of each view's pose: that of ξ + M·η, of a view's own step and the part's.
-    pub(super) fn covariances(&self, solved: &Solved) -> Covariances {
+    /// Covariance of each view's pose: that of ξ + M·η, of a view's own step and the part's. `block_gradients` are those of blocks of the
+    /// surface.
+    pub(super) fn covariances(&self, solved: &Solved, block_gradients: &[DVector<f64>]) -> Covariances {
         let part = solved.part_covariance;
         let inverse = self.posterior.inverse();
         // ξ = −A⁻¹(g + H M η): its noise beyond η's is A⁻¹, and it follows η by −A⁻¹ H M.
@@ -173,7 +189,28 @@ impl Arrow {
             let own = follows.fixed_view::<FREEDOMS, FREEDOMS>(at, 0);
             inverse.fixed_view::<FREEDOMS, FREEDOMS>(at, at) + own * part * own.transpose()
         };
-        Covariances { part, part_stated: solved.part_stated, views: (0..inverse.nrows()).step_by(FREEDOMS).map(view).collect() }
+        Covariances {
+            part,
+            part_stated: solved.part_stated,
+            part_by_blocks: self.part_by_blocks(solved, block_gradients),
+            views: (0..inverse.nrows()).step_by(FREEDOMS).map(view).collect(),
+        }
+    }
+
+    /// Covariance of the part by what blocks of its surface say of its place against each other: Σ s·sᵀ·n/(n − 1) over the steps s by the
+    /// gradients of n blocks (K.-Y. Liang, S. L. Zeger, "Longitudinal data analysis using generalized linear models", Biometrika 73(1),
+    /// 1986, section 2). Where a surface deviates smoothly, its cells are far from independent, and their number says nothing.
+    fn part_by_blocks(&self, solved: &Solved, gradients: &[DVector<f64>]) -> Matrix6<f64> {
+        let seen = &self.matrix * &self.views_from_part;
+        let mut sum = Matrix6::zeros();
+        for gradient in gradients {
+            let of_part = self.views_from_part.tr_mul(gradient) - seen.tr_mul(&self.posterior.solve(gradient));
+            // A freedom that hardly anything fixes moves no farther than the part is known to lie.
+            let step = solved.part_stated * Twist::from_fn(|row, _| of_part[row]);
+            sum += step * step.transpose();
+        }
+        let blocks = gradients.len() as f64;
+        if gradients.len() > 1 { sum * (blocks / (blocks - 1.0)) } else { Matrix6::zeros() }
     }
 
     /// Covariance of the views' steps at the part's place, and those steps.
@@ -215,4 +252,42 @@ fn inverse_by(matrix: &Matrix6<f64>, of: impl Fn(f64, f64) -> f64) -> Option<Mat
     let plain = eigen.eigenvectors * Matrix6::from_diagonal(&inverse) * eigen.eigenvectors.transpose();
     debug_assert!((scale * inverse_scale - Matrix6::identity()).norm() < 1e-9);
     Some(inverse_scale * plain * inverse_scale)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Standard deviation by which a cell deviates, mm.
+    const DEVIATION_SD_MM: f64 = 0.18;
+
+    /// Cell of a plate at z = 0, bent by 0.6 mm at x = ±50 mm, about its mean.
+    fn bent(x_mm: f64, y_mm: f64) -> CellMean {
+        let distance_mm = 0.6 * ((x_mm / 50.0).powi(2) - 0.33);
+        CellMean { view: 0, row: Twist::new(y_mm, -x_mm, 0.0, 0.0, 0.0, 1.0), distance_mm, weight: 1e4 }
+    }
+
+    /// The place of a bent part was told as if each of its cells were off by itself.
+    #[test]
+    fn the_halves_of_a_bent_plate_leave_more_open_than_its_cells() {
+        let along_mm = || (0..10).map(|number| 10.0 * f64::from(number) - 45.0);
+        let mut observations = Observations::of(1);
+        let mut gradients = [DVector::zeros(FREEDOMS), DVector::zeros(FREEDOMS)];
+        for x_mm in along_mm() {
+            for y_mm in along_mm() {
+                observations.add(&[bent(x_mm, y_mm)], DEVIATION_SD_MM);
+                add_gradient(&mut gradients[usize::from(x_mm > 0.0)], &[bent(x_mm, y_mm)], DEVIATION_SD_MM);
+            }
+            // Its edges hold it along x and y.
+            for row in [Twist::new(0.0, 0.0, -x_mm, 1.0, 0.0, 0.0), Twist::new(0.0, 0.0, x_mm, 0.0, 1.0, 0.0)] {
+                observations.add(&[CellMean { view: 0, row, distance_mm: 0.0, weight: 1e4 }], DEVIATION_SD_MM);
+            }
+        }
+        let is_fixed = Matrix6::identity() * 1e15;
+        let arrow = observations.with(&[is_fixed], &[Twist::zeros()], &[Matrix6::identity()]).expect("a prior");
+        let found = arrow.covariances(&arrow.solve(true).expect("cells"), &gradients);
+        let [of_cells, of_blocks] = [found.part_stated, found.part_by_blocks].map(|covariance| covariance[(1, 1)].sqrt());
+        // Each half turns it by Σxr/Σx² = 120/82500 rad, one against the other.
+        assert!((of_blocks - 240.0 / 82_500.0).abs() < 1e-5 && of_blocks > 4.0 * of_cells, "{of_cells} {of_blocks} rad");
+    }
 }

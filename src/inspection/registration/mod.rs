@@ -21,6 +21,10 @@
 //! with A the normal equations of cells that say nothing of the mesh, and the priors, they are A⁻¹ and steps −A⁻¹g. What all poses are off
 //! alike, with the covariance Σ, averages out in no number of views: to A⁻¹ comes B Σ Bᵀ, B = A⁻¹ Λ (1 ⊗ I).
 //!
+//! The part's own place is told with the larger of two standard deviations: that of cells, and the one by which blocks of the surface, up to
+//! 48, disagree about it. A part that is bent or too large deviates smoothly over many cells, which count as one there. The last radius
+//! leaves its ends out, which pulls its place to one side: the step to the place by a radius of 1 mm is added.
+//!
 //! The result does not depend on the number of threads: sums run in the order of views, cells and points.
 //! Cost: some 20 rounds of a nearest-face query a point, 50 000 points at most or 500 a view, and one dense factorisation of six rows a
 //! view a round.
@@ -40,14 +44,14 @@ use std::borrow::Borrow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Vector6};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Point3, Vector6};
 
 use super::{OpenPoses, RegisteredView, ViewScan};
 use crate::cell::calibration::chi_squared::quantile;
 use crate::cell::calibration::se3::{Twist, adjoint, exp, log};
 use crate::cell::closed_list;
 use crate::geometry::{NearestFace, Part, Pose};
-use equations::{Arrow, CellMean, NormalEquations, Observations};
+use equations::{Arrow, CellMean, Covariances, NormalEquations, Observations, add_gradient};
 use locate::STATED_TURN_REACH_MM;
 use matching::{CellSum, Matched, SurfaceCell, match_view};
 use points::ViewPoints;
@@ -61,6 +65,9 @@ const OUT_OF_PRIOR: f64 = 1e-3;
 const PART_RADII_MM: [f64; 12] = [5.0, 5.0, 3.5, 2.5, 1.8, 1.3, 0.9, 0.65, 0.45, 0.35, 0.25, 0.25];
 /// Radii while part and views are moved together, mm.
 const JOINT_RADII_MM: [f64; 8] = [2.0, 1.0, 0.5, 0.35, 0.25, 0.25, 0.25, 0.25];
+/// Radius by which the place of the part is told once more, mm: what it is from other than the last one's place is open. Not from a source:
+/// four times the last one, and less than clamps and plates lie off the part.
+const WIDE_RADIUS_MM: f64 = 1.0;
 /// Max views that are tied to each other; more are held to the mesh alone, and what it does not hold of them is as open as their priors.
 const MAX_TIED_VIEWS: usize = 256;
 /// Standard deviations of a pose that is not off, rad and mm: far below what points tell.
@@ -84,7 +91,7 @@ closed_list! {
 closed_list! {
     /// Reason for which the alignment of the part counts as not found.
     pub enum PartNotFound {
-        /// Points lie on the part, but in no view enough of them to hold it in place.
+        /// Points lie on the part, but in no view enough of them to hold it in place; or no view has a point.
         FewPoints = "few_points",
         /// Too small a share of the points lies on the part: these scans do not fit it.
         FewInliers = "few_inliers",
@@ -107,6 +114,22 @@ pub fn why_not_found(inlier_share: f64, kept: impl IntoIterator<Item = Option<Ke
     } else {
         Some(PartNotFound::FewInliers)
     }
+}
+
+/// Share of the points on the part from which on a place that was searched for is taken though every view that agrees with it has a pose
+/// beyond its prior. Our choice: an arm whose calibration is stale may see a clamp or two, and chance brought no more than 0.52 of the
+/// points onto a part.
+const MIN_OFF_PRIOR_SHARE: f64 = 0.75;
+
+/// Reason for which an alignment from a place that was searched for counts as not found; `None` where it was found. The best of many
+/// places has to hold more of the points than a stated one, and one view at least that agrees with it in full, or three quarters of the
+/// points and one view at least that agrees but for its pose.
+#[must_use]
+pub fn why_searched_not_found(inlier_share: f64, kept: impl IntoIterator<Item = Option<KeptPose>>) -> Option<PartNotFound> {
+    let kept: Vec<Option<KeptPose>> = kept.into_iter().collect();
+    let is_agreed = kept.contains(&None) || inlier_share >= MIN_OFF_PRIOR_SHARE;
+    let is_by_chance = inlier_share < locate::MIN_SEARCHED_SHARE || !is_agreed;
+    why_not_found(inlier_share, kept).or(is_by_chance.then_some(PartNotFound::FewInliers))
 }
 
 /// Knobs of the registration.
@@ -137,6 +160,11 @@ pub struct RegistrationOptions {
     pub moves_views: bool,
     /// Pose that is taken first: the part's coordinates by the stated poses to those of the mesh, as [`locate::place`] finds it.
     pub start: Pose<Part, Part>,
+    /// True if [`Self::start`] is the best of a search over all turns: it then has to explain more of the points.
+    pub is_searched: bool,
+    /// Points of further scans, which lie on the part nowhere and were left out. They count against a [`Self::start`] other than the stated
+    /// place: it was found with the scans that fit it.
+    pub stray_points: usize,
 }
 
 impl Default for RegistrationOptions {
@@ -156,6 +184,8 @@ impl Default for RegistrationOptions {
             moves_part: true,
             moves_views: true,
             start: Pose::identity(),
+            is_searched: false,
+            stray_points: 0,
         }
     }
 }
@@ -167,6 +197,14 @@ impl RegistrationOptions {
         let rest = |prior: f64, own: f64| (prior.powi(2) - own.powi(2)).max(0.0).sqrt();
         let (turn, shift) = (rest(self.prior_deg, self.own_deg).to_radians(), rest(self.prior_mm, self.own_mm));
         Twist::new(turn, turn, turn, shift, shift, shift)
+    }
+
+    /// Share of all points that these are, of which so many are of the scans: strays count where the place is not the stated one.
+    fn share_with_strays(&self, inlier_share: f64, points: usize) -> f64 {
+        if self.stray_points == 0 || self.start == Pose::identity() {
+            return inlier_share;
+        }
+        inlier_share * points as f64 / (points + self.stray_points) as f64
     }
 
     /// Max points that are matched of each of so many views.
@@ -202,8 +240,9 @@ pub struct ViewRegistration {
 pub struct ScanRegistration {
     /// Takes the part's coordinates by the stated poses to those of the mesh: Δ.
     pub mesh_from_stated: Pose<Part, Part>,
-    /// Standard deviations of Δ, rad and mm, in the mesh's frame. A freedom that no point fixes counts 5 mm; a turn about an axis of the
-    /// part as far as no point tells it, up to 5 mm at the part's corners, with the shift of the part's middle.
+    /// Standard deviations of Δ, rad and mm, in the mesh's frame, with what deviations of the surface leave open of it. A freedom that no
+    /// point fixes counts 5 mm; a turn about an axis of the part as far as no point tells it, up to 5 mm at the part's corners, with the
+    /// shift of the part's middle.
     pub sd: Twist,
     /// Views, in the order in which they were given.
     pub views: Vec<RegisteredView>,
@@ -213,15 +252,23 @@ pub struct ScanRegistration {
     pub found: Vec<ViewRegistration>,
     /// Standard deviation of an inlier's distance, robust, mm.
     pub noise_mm: f64,
-    /// Share of all points that lies on the part.
+    /// Share of all points that lies on the part, those of [`RegistrationOptions::stray_points`] among them where they count.
     pub inlier_share: f64,
+    /// Covariance of Δ in the mesh's frame, with 5 mm for a freedom that no point fixes.
+    pub part_covariance: Matrix6<f64>,
+    /// True if the place of the part was searched for over all turns.
+    pub is_searched: bool,
 }
 
 impl ScanRegistration {
     /// Reason for which the alignment counts as not found; `None` where it was found.
     #[must_use]
     pub fn not_found(&self) -> Option<PartNotFound> {
-        why_not_found(self.inlier_share, self.found.iter().map(|view| view.kept_pose))
+        if !self.found.is_empty() && !self.has_points() {
+            return Some(PartNotFound::FewPoints);
+        }
+        let kept = self.found.iter().map(|view| view.kept_pose);
+        if self.is_searched { why_searched_not_found(self.inlier_share, kept) } else { why_not_found(self.inlier_share, kept) }
     }
 
     /// Adds to the standard deviation the turns that points of the views that were placed do not tell.
@@ -236,10 +283,14 @@ impl ScanRegistration {
         Self { sd: self.sd.zip_map(&open, |sd, variance| sd.hypot(variance.sqrt())), ..self }
     }
 
+    fn has_points(&self) -> bool {
+        self.found.iter().any(|view| view.points > 0)
+    }
+
     /// Returns true if the points lie on the part, be they too few to hold it in place: else nothing is learned from them.
     #[must_use]
     pub fn fits(&self) -> bool {
-        self.not_found() != Some(PartNotFound::FewInliers)
+        self.has_points() && self.not_found() != Some(PartNotFound::FewInliers)
     }
 }
 
@@ -310,8 +361,8 @@ fn open_part(nearest: &NearestFace<'_>) -> Matrix6<f64> {
 /// Sums of the views that see one cell, each with the index of its view.
 type SeenCell = Vec<(usize, CellSum)>;
 
-/// Cells that the views whose points say something see.
-fn seen_cells(matched: &[Matched], weighing: &Weighing<'_>) -> Vec<SeenCell> {
+/// Cells that the views whose points say something see, with their places.
+fn seen_places(matched: &[Matched], weighing: &Weighing<'_>) -> (Vec<SurfaceCell>, Vec<SeenCell>) {
     let mut seen: BTreeMap<(SurfaceCell, usize), SeenCell> = BTreeMap::new();
     for (view, pairs) in matched.iter().enumerate().filter(|(view, _)| weighing.usable[*view]) {
         // A cell of its own for each view where they are too many.
@@ -320,7 +371,28 @@ fn seen_cells(matched: &[Matched], weighing: &Weighing<'_>) -> Vec<SeenCell> {
             seen.entry((cell, owner)).or_default().push((view, sum));
         }
     }
-    seen.into_values().collect()
+    seen.into_iter().map(|((place, _), cell)| (place, cell)).unzip()
+}
+
+/// Cells that the views whose points say something see.
+fn seen_cells(matched: &[Matched], weighing: &Weighing<'_>) -> Vec<SeenCell> {
+    seen_places(matched, weighing).1
+}
+
+/// Means of the views in a cell.
+fn means_of(cell: &SeenCell, point_weight: f64) -> Vec<CellMean> {
+    let mean = |(view, sum): &(usize, CellSum)| CellMean {
+        view: *view,
+        row: sum.row / sum.weight,
+        distance_mm: sum.distance_mm / sum.weight,
+        weight: sum.weight * point_weight,
+    };
+    cell.iter().map(mean).collect()
+}
+
+/// Standard deviation by which cells deviate from the mesh, robust, mm.
+fn deviation_sd_mm(cells: &[SeenCell]) -> f64 {
+    robust_sd_mm(cells.iter().map(|cell| mean_of(cell).1).collect())
 }
 
 /// Weight of all views in a cell, and their mean distance, mm.
@@ -339,6 +411,20 @@ fn point_sd_mm(cells: &[SeenCell]) -> f64 {
         cell.iter().map(own).collect::<Vec<_>>()
     };
     robust_sd_mm(cells.iter().filter(|cell| cell.len() > 1).flat_map(of_cell).collect())
+}
+
+/// Gradients of the blocks of a part's surface: in each eighth of its box, parted at `centre_mm`, the cells that look to one side.
+fn block_gradients(matched: &[Matched], centre_mm: &Point3<f64>, weighing: &Weighing<'_>) -> Vec<DVector<f64>> {
+    let (places, cells) = seen_places(matched, weighing);
+    let (deviation_sd_mm, point_weight) = (deviation_sd_mm(&cells), point_sd_mm(&cells).powi(-2));
+    let mut blocks: BTreeMap<([bool; 3], u8), DVector<f64>> = BTreeMap::new();
+    for ((place, side), cell) in places.iter().zip(&cells) {
+        let middle_mm = place.map(|number| (number as f64 + 0.5) * weighing.options.correlation_mm);
+        let eighth = [0, 1, 2].map(|axis| middle_mm[axis] > centre_mm[axis]);
+        let gradient = blocks.entry((eighth, *side)).or_insert_with(|| DVector::zeros(FREEDOMS * matched.len()));
+        add_gradient(gradient, &means_of(cell, point_weight), deviation_sd_mm);
+    }
+    blocks.into_values().collect()
 }
 
 /// Priors and options that observations are weighed with.
@@ -367,15 +453,35 @@ impl State {
 
     /// One step of the part alone.
     fn move_part(&mut self, views: &[ViewPoints], nearest: &NearestFace<'_>, radius_mm: f64) {
+        if let Some(step) = self.part_step(views, nearest, radius_mm, &|_| true) {
+            self.part = exp(&step) * self.part;
+        }
+    }
+
+    /// Step of the part alone to the place that the points of some views tell within a radius.
+    fn part_step(
+        &self,
+        views: &[ViewPoints],
+        nearest: &NearestFace<'_>,
+        radius_mm: f64,
+        counts: &dyn Fn(usize) -> bool,
+    ) -> Option<Twist> {
         let matched = self.matched(views, nearest, radius_mm);
         let mut sum = NormalEquations::default();
-        for (view, pairs) in matched.iter().enumerate() {
+        for (view, pairs) in matched.iter().enumerate().filter(|(view, _)| counts(*view)) {
             let own = NormalEquations::of(&pairs.pairs, radius_mm);
             sum.add(&own.seen_from(&adjoint(&self.pose(views, view).inverse())));
         }
-        if let Some(step) = sum.step() {
-            self.part = exp(&step) * self.part;
+        sum.step()
+    }
+
+    /// Squares of the step of the part to the place that its points tell within a wider radius than the last one.
+    fn open_by_radius(&self, views: &[ViewPoints], nearest: &NearestFace<'_>, weighing: &Weighing<'_>) -> Vector6<f64> {
+        if !weighing.options.moves_part {
+            return Vector6::zeros();
         }
+        let step = self.part_step(views, nearest, WIDE_RADIUS_MM, &|view| weighing.usable[view]);
+        step.unwrap_or_else(Twist::zeros).map(|step| step * step)
     }
 
     /// One step of part and views.
@@ -391,8 +497,7 @@ impl State {
 
     fn arrow(&self, views: &[ViewPoints], matched: &[Matched], weighing: &Weighing<'_>) -> Option<Arrow> {
         let cells = seen_cells(matched, weighing);
-        let deviation_sd_mm = robust_sd_mm(cells.iter().map(|cell| mean_of(cell).1).collect());
-        self.arrow_of(views, &cells, deviation_sd_mm, weighing)
+        self.arrow_of(views, &cells, deviation_sd_mm(&cells), weighing)
     }
 
     /// Arrow of cells that deviate by this standard deviation: at infinity they say nothing of the mesh.
@@ -400,16 +505,22 @@ impl State {
         let point_weight = point_sd_mm(cells).powi(-2);
         let mut observations = Observations::of(views.len());
         for cell in cells {
-            let mean = |(view, sum): &(usize, CellSum)| CellMean {
-                view: *view,
-                row: sum.row / sum.weight,
-                distance_mm: sum.distance_mm / sum.weight,
-                weight: sum.weight * point_weight,
-            };
-            observations.add(&cell.iter().map(mean).collect::<Vec<_>>(), deviation_sd_mm);
+            observations.add(&means_of(cell, point_weight), deviation_sd_mm);
         }
         let from_part: Vec<Matrix6<f64>> = (0..views.len()).map(|view| adjoint(&self.pose(views, view).inverse())).collect();
         observations.with(weighing.priors, &self.corrections, &from_part)
+    }
+
+    /// Covariances at these poses.
+    fn covariances(
+        &self,
+        (views, matched): (&[ViewPoints], &[Matched]),
+        nearest: &NearestFace<'_>,
+        weighing: &Weighing<'_>,
+    ) -> Option<Covariances> {
+        let arrow = self.arrow(views, matched, weighing)?;
+        let solved = arrow.solve(weighing.options.moves_part)?;
+        Some(arrow.covariances(&solved, &block_gradients(matched, &nearest.mesh().aabb().centre(), weighing)))
     }
 
     /// Poses that priors and surface of several views leave open; `kept` has the covariances of those that were kept.
@@ -458,8 +569,7 @@ impl State {
         let last_mm = JOINT_RADII_MM[JOINT_RADII_MM.len() - 1];
         let last = self.matched(views, nearest, last_mm);
         let noise_mm = robust_sd_mm(last.iter().flat_map(|view| &view.pairs).map(|pair| pair.distance_mm).collect());
-        let arrow = self.arrow(views, &last, weighing);
-        let covariances = arrow.and_then(|arrow| Some(arrow.covariances(&arrow.solve(options.moves_part)?)));
+        let covariances = self.covariances((views, &last), nearest, weighing);
         let limit = quantile(OUT_OF_PRIOR, FREEDOMS);
         let judged = self.matched(views, nearest, options.inlier_mm);
         let mut registered = Vec::with_capacity(scans.len());
@@ -491,19 +601,28 @@ impl State {
         }
         let all: usize = judged.iter().map(|view| view.points).sum();
         let inliers: usize = judged.iter().map(|view| view.pairs.len()).sum();
+        let there: usize = views.iter().map(|view| view.there).sum();
         // Where no observation holds the part, nothing is known of its place.
-        let unknown = || if options.moves_part { open_part(nearest) } else { Matrix6::zeros() };
-        let [part_covariance, part_stated] =
-            covariances.map_or_else(|| [Matrix6::zeros(), unknown()], |found| [found.part, found.part_stated]);
+        let open_part = open_part(nearest);
+        let unknown = || if options.moves_part { open_part } else { Matrix6::zeros() };
+        let [part_covariance, part_stated, by_blocks] = covariances.map_or_else(
+            || [Matrix6::zeros(), unknown(), Matrix6::zeros()],
+            |found| [found.part, found.part_stated, found.part_by_blocks],
+        );
+        // Blocks and steps that hardly hold a freedom say no more of it than that it is open.
+        let [by_blocks, by_radius] = [by_blocks.diagonal(), self.open_by_radius(views, nearest, weighing)]
+            .map(|variance| variance.inf(&open_part.diagonal()));
         let open = Arc::new(self.open_poses((views, &last), &kept, part_covariance, weighing));
         ScanRegistration {
             mesh_from_stated: Pose::claim(self.part),
-            sd: part_stated.diagonal().map(|variance| variance.max(0.0).sqrt()),
+            sd: (part_stated.diagonal().sup(&by_blocks) + by_radius).map(|variance| variance.max(0.0).sqrt()),
             views: registered,
             open,
             found,
             noise_mm,
-            inlier_share: inliers as f64 / all.max(1) as f64,
+            inlier_share: options.share_with_strays(inliers as f64 / all.max(1) as f64, there),
+            part_covariance: part_stated,
+            is_searched: options.is_searched,
         }
     }
 }

@@ -134,6 +134,79 @@ fn a_part_on_which_less_than_half_of_the_points_lie_is_not_found() {
     assert_eq!(why_not_found(0.0, []), Some(PartNotFound::FewInliers));
 }
 
+/// Scans of which no point was left were told as those of another part.
+#[test]
+fn scans_without_a_point_are_too_few_points_and_not_of_another_part() {
+    let mesh = base(20_000).expect("a base");
+    let shots = Shots::of(&mesh, 16);
+    let mut scans = shots.scans(&shots.poses(2), 0.0, |_| Isometry3::identity());
+    scans.iter_mut().flat_map(|scan| &mut scan.scanner_cloud.points_mm).for_each(|point| *point = [f32::NAN; 3]);
+    let found = register(&scans, &NearestFace::new(&mesh), &[], &RegistrationOptions::default());
+    assert_eq!(found.not_found(), Some(PartNotFound::FewPoints), "{:?}", found.found);
+    assert!(!found.fits(), "nothing is learned");
+}
+
+/// Views turned each about its own axis gave a search a place with 52 % of the points on the part, and the part was judged there.
+#[test]
+fn a_place_that_was_searched_for_needs_six_tenths_of_the_points_and_a_view_that_agrees() {
+    let one_agrees = [None, Some(KeptPose::FewInliers), Some(KeptPose::FewInliers)];
+    let none_does = [Some(KeptPose::PoseOutOfPrior), Some(KeptPose::FewInliers)];
+    assert_eq!(why_searched_not_found(0.519, one_agrees), Some(PartNotFound::FewInliers));
+    assert_eq!(why_searched_not_found(0.65, one_agrees), None);
+    assert_eq!(why_searched_not_found(0.65, none_does), Some(PartNotFound::FewInliers));
+    assert_eq!(why_searched_not_found(0.95, none_does), None, "the poses are off, and hardly any point lies elsewhere");
+    let stale = [Some(KeptPose::PoseOutOfPrior); 5];
+    assert_eq!(why_searched_not_found(0.8, stale), None, "a stale calibration, and a fifth of the points on clamps");
+    assert_eq!(why_searched_not_found(0.7, stale), Some(PartNotFound::FewInliers));
+    for share in [0.519, 0.45] {
+        assert_eq!(why_searched_not_found(share, stale), Some(PartNotFound::FewInliers), "turned views");
+    }
+    assert_eq!(why_searched_not_found(1.0, [Some(KeptPose::FewPoints); 2]), Some(PartNotFound::FewPoints));
+}
+
+/// A warped part that was put down 4 mm off, with 55 % of the points on it, was refused as one that had been searched for.
+#[test]
+fn a_place_that_was_refined_from_the_stated_one_needs_half_of_the_points() {
+    let mesh = base(20_000).expect("a base");
+    let shots = Shots::of(&mesh, 16);
+    let off = Isometry3::translation(3.2, -2.4, 0.0);
+    let scans = moved(&shots.scans(&shots.poses(4), 0.0, |_| Isometry3::identity()), &off);
+    let nearest = NearestFace::new(&mesh);
+    let found = place(&scans, &nearest, &LocateOptions::default());
+    let PartPlace::Elsewhere(found) = found else { panic!("{found:?}") };
+    assert!(!found.is_searched, "{found:?}");
+    assert!(locate(&scans, &nearest, &LocateOptions::default()).best.is_searched);
+    let of = |is_searched: bool| {
+        let options = RegistrationOptions { start: found.mesh_from_stated, is_searched, ..RegistrationOptions::default() };
+        let registered = register(&scans, &nearest, &[], &options);
+        [0.45, 0.55, 0.65].map(|inlier_share| ScanRegistration { inlier_share, ..registered.clone() }.not_found())
+    };
+    let few = Some(PartNotFound::FewInliers);
+    assert_eq!((of(false), of(true)), ([few, None, None], [few, few, None]));
+    // A refinement that ran 16° away was taken for the stated place.
+    let far = moved(&shots.scans(&shots.poses(4), 0.0, |_| Isometry3::identity()), &Isometry3::translation(8.0, 0.0, 0.0));
+    let far = place(&far, &nearest, &LocateOptions::default());
+    assert!(matches!(&far, PartPlace::Elsewhere(far) if far.is_searched), "{far:?}");
+}
+
+#[test]
+fn scans_that_were_left_out_count_against_a_place_that_was_searched_for() {
+    let mesh = base(20_000).expect("a base");
+    let shots = Shots::of(&mesh, 16);
+    let off = motion_of(2, 1.0, 1.0);
+    let scans = moved(&shots.scans(&shots.poses(3), 0.0, |_| Isometry3::identity()), &off);
+    let points: usize = scans.iter().map(|scan| scan.scanner_cloud.finite().count()).sum();
+    let nearest = NearestFace::new(&mesh);
+    let of = |start: Pose<Part, Part>, stray_points: usize| {
+        let options = RegistrationOptions { start, stray_points, ..RegistrationOptions::default() };
+        register(&scans, &nearest, &[], &options).not_found()
+    };
+    let searched: Pose<Part, Part> = Pose::claim(off.inverse());
+    assert_eq!(of(searched, 0), None);
+    assert_eq!(of(searched, 2 * points), Some(PartNotFound::FewInliers), "two thirds of all points lie elsewhere");
+    assert_eq!(of(Pose::identity(), 2 * points), None, "it lies where it was stated");
+}
+
 #[test]
 fn scans_of_another_part_do_not_fit_and_their_own_do() {
     let (own, other) = (base(20_000).expect("a base"), box_mesh([0.0; 3], [30.0, 20.0, 10.0]));
@@ -391,4 +464,44 @@ fn views_that_are_thinned_are_held_by_the_points_that_theirs_stand_for() {
     let found = register(&scans, &NearestFace::new(&mesh), &[], &thin);
     assert!(found.found.iter().all(|view| view.points <= 250 && view.kept_pose.is_none()), "{:?}", found.found);
     assert_eq!(found.not_found(), None);
+}
+
+/// Block of 100 × 70 × 30 mm, bent up at both ends by so much.
+fn bent_block(bend_mm: f64) -> Mesh {
+    const COLUMNS: u32 = 40;
+    let corner = |number: u32| {
+        let x_mm = 100.0 * f64::from(number / 4) / f64::from(COLUMNS);
+        let [y_mm, z_mm] = [[0.0, 0.0], [70.0, 0.0], [70.0, 30.0], [0.0, 30.0]][(number % 4) as usize];
+        Point3::new(x_mm, y_mm, z_mm + bend_mm * (x_mm / 50.0 - 1.0).powi(2))
+    };
+    let side = |column: u32, side: u32| {
+        let [a, b] = [4 * column + side, 4 * column + (side + 1) % 4];
+        [[a, b, b + 4], [a, b + 4, a + 4]]
+    };
+    let last = 4 * COLUMNS;
+    let mut faces = vec![[0, 2, 1], [0, 3, 2], [last, last + 1, last + 2], [last, last + 2, last + 3]];
+    faces.extend((0..COLUMNS).flat_map(|column| (0..4).flat_map(move |number| side(column, number))));
+    let vertices_mm = (0..last + 4).map(corner).collect();
+    Mesh { vertices_mm, source_face: (0..faces.len() as u32).collect(), faces, groups: Vec::new() }
+}
+
+/// The last radius leaves the ends of a bent part out, and what pulled its place to one side was not told.
+#[test]
+fn the_place_of_a_bent_part_is_told_with_what_the_last_radius_leaves_out() {
+    let (mesh, built) = (bent_block(0.0), bent_block(0.6));
+    let (nearest, shots) = (NearestFace::new(&mesh), Shots::of(&built, 16));
+    let options = RegistrationOptions { prior_deg: 0.01, prior_mm: 0.02, ..RegistrationOptions::default() };
+    for seed in 0..4 {
+        let scans = moved(&shots.scans(&shots.poses(6), 0.01, |_| Isometry3::identity()), &motion_of(seed, 0.1, 0.3));
+        let found = register(&scans, &nearest, &[], &options);
+        assert_eq!(found.not_found(), None, "{:?}", found.found);
+        let views: Vec<ViewPoints> = scans.iter().map(|scan| ViewPoints::with_elements(scan, 3000)).collect();
+        let mut of_all = State { part: *found.mesh_from_stated.isometry(), corrections: vec![Twist::zeros(); views.len()] };
+        for _ in 0..5 {
+            of_all.move_part(&views, &nearest, 5.0);
+        }
+        let off = log(&(of_all.part * found.mesh_from_stated.isometry().inverse()));
+        assert!(off[5].abs() > 0.05, "{seed}: both radii tell the same place: {off}");
+        assert!(off.iter().zip(&found.sd).all(|(off, sd)| off.abs() <= 2.0 * sd), "{off} ± {}", found.sd);
+    }
 }
