@@ -27,7 +27,7 @@ mod unit;
 
 pub use adjacency::components_sharing;
 pub use convex::{ConvexPolytope, HalfSpace, box_half_spaces, largest_centred_box};
-pub use counted::counted;
+pub use counted::{counted, listed};
 pub use face_lists::FaceLists;
 pub use frames::{
     Base, Board, Cloud, Device, Flange, Part, Plate, Pose, ScannerFrame, Table, plate_from_placed, table_from_plate,

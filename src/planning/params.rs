@@ -333,8 +333,8 @@ params! {
         objective: Objective = Objective::Score;
         /// Share of the area named by `target_of` at which selection stops. A higher target takes more views.
         target: f64 = 0.985, [0.0, 1.0] "";
-        /// Area of which the target is a share: `coverable`, the asked area that at least one candidate measures; `asked`, all
-        /// faces outside excluded regions; or `total`, the whole surface.
+        /// Area of which the target is a share: `coverable`, the asked area that at least one kept candidate measures; `asked`,
+        /// all faces outside excluded regions; or `total`, the whole surface.
         target_of: TargetOf = TargetOf::Coverable;
         /// Minimum share of the asked area that a view must add; selection stops when no further view does.
         min_growth: f64 = 0.0001, [0.0, 1.0] "";

@@ -212,7 +212,7 @@ impl<'a> Stages<'a> {
                     (views.chosen, None, Some((views.expected_mm2, views.stopped_because)))
                 }
                 None => {
-                    let (chosen, every) = self.choose(problem, &excluded, looks_closer)?;
+                    let Settled { chosen, every } = self.choose(problem, &excluded, looks_closer)?;
                     (chosen, every, None)
                 }
             };
@@ -263,6 +263,7 @@ impl<'a> Stages<'a> {
     /// Stages missed and certificate, with the bound beside them.
     fn finish(&self, problem: ViewPlanningProblem<'a>, views: OrderedViews<'a>) -> Result<Outcome, PlanError> {
         let (chosen, open) = (views.chosen.candidates.len(), Arc::clone(&views.chosen.selection.bound));
+        let is_chosen_as_planned = !problem.tolerates_errors();
         let explained = || {
             let part_alone = || self.sampled.part_alone(self.input, self.setups, self.ctx);
             let (shortened, part) = rayon::join(|| self.shorten(problem, views), part_alone);
@@ -274,7 +275,7 @@ impl<'a> Stages<'a> {
         };
         let (mut outcome, bound) = self.bound(&open, explained)?;
         let counts_all = outcome.plan.executed_views() == chosen && outcome.plan.params.realism.count_at_risk;
-        let of_asked = counts_all.then(|| outcome.plan.coverage.of_asked());
+        let of_asked = (counts_all && is_chosen_as_planned).then(|| outcome.plan.coverage.of_asked());
         outcome.plan.bound = bound.beside(chosen).of_plan(of_asked);
         Ok(outcome)
     }
@@ -343,71 +344,90 @@ impl<'a> Stages<'a> {
 }
 
 /// Chosen views, and the last problem on every sample that was looked at.
-type ChosenOnEvery<'a> = (ChosenViews, Option<ViewPlanningProblem<'a>>);
+struct Settled<'a> {
+    chosen: ChosenViews,
+    every: Option<ViewPlanningProblem<'a>>,
+}
+
+/// Views whose grades set floors under those of the views that are chosen.
+enum FloorSource {
+    /// Greedy's views before they are slid.
+    Unslid,
+    /// A first choice.
+    FirstChoice(FirstChoice),
+    /// Greedy's views once they are slid, where they then have better grades than the chosen ones.
+    Slid,
+}
 
 /// Parts of the stages.
 impl<'a> Stages<'a> {
-    /// Chooses views that meet their goals on every sample: among candidates beside a first choice too, unless fewer are chosen
-    /// without; or, without a closer look, once more where greedy's views have better grades once they are slid.
+    /// Chooses views that meet their goals on every sample. With a closer look, candidates beside the views of a first choice join
+    /// the others, unless fewer views are chosen without them; without it, greedy's views set the floors under grades once they are slid.
     fn choose(
         &self,
         problem: &mut ViewPlanningProblem<'a>,
         excluded: &BTreeSet<CandidateIndex>,
         looks_closer: bool,
-    ) -> Result<ChosenOnEvery<'a>, PlanError> {
+    ) -> Result<Settled<'a>, PlanError> {
         if !(looks_closer && adjust::looks_closer(problem)) {
-            return self.settle(problem, (None, true), excluded);
+            return self.settle(problem, FloorSource::Slid, excluded);
         }
-        let at_first = problem.strata.is_some().then(|| problem.clone());
+        let before = problem.strata.is_some().then(|| problem.clone());
         let first = problem.look_beside_first_choice(self.sampled, self.setups, excluded, self.ctx)?;
         let views_at_first = first.rows.len();
-        let chosen = self.settle(problem, (Some(first), false), excluded)?;
+        let closer = self.settle(problem, FloorSource::FirstChoice(first), excluded)?;
         // Views that join several setups come on top.
-        let takes_more = self.setups.len() == 1 && chosen.0.candidates.len() > views_at_first;
-        let Some(mut once) = at_first.filter(|_| takes_more) else { return Ok(chosen) };
-        let at_once = self.settle(&mut once, (None, false), excluded)?;
-        if at_once.0.candidates.len() >= chosen.0.candidates.len() {
-            return Ok(chosen);
+        let takes_more = self.setups.len() == 1 && closer.chosen.candidates.len() > views_at_first;
+        let Some(mut before) = before.filter(|_| takes_more) else { return Ok(closer) };
+        let without = self.settle(&mut before, FloorSource::Unslid, excluded)?;
+        if without.chosen.candidates.len() >= closer.chosen.candidates.len() {
+            return Ok(closer);
         }
-        *problem = once;
-        Ok(at_once)
+        *problem = before;
+        Ok(without)
     }
 
-    /// Selects views, joins and slides them, and selects anew while every sample and those that views are chosen on disagree: beside
-    /// `first`, or, where `regrades` is true, beside greedy's views as soon as these have better grades once they are slid.
+    /// Selects views, joins and slides them, and selects anew while their goals are met on the samples that they are chosen on and not on
+    /// every sample.
     fn settle(
         &self,
         problem: &mut ViewPlanningProblem<'a>,
-        (mut first, regrades): (Option<FirstChoice>, bool),
+        floors: FloorSource,
         excluded: &BTreeSet<CandidateIndex>,
-    ) -> Result<ChosenOnEvery<'a>, PlanError> {
+    ) -> Result<Settled<'a>, PlanError> {
         let Self { sampled, setups, ctx, .. } = *self;
+        let (mut first, slides_greedy) = match floors {
+            FloorSource::Unslid => (None, false),
+            FloorSource::FirstChoice(first) => (Some(first), false),
+            FloorSource::Slid => (None, true),
+        };
         let mut every = None;
         loop {
             let known = problem.known();
             let mut chosen = problem.select(excluded, first.as_ref(), ctx)?;
             if chosen.candidates.is_empty() {
-                return Ok((chosen, every));
+                return Ok(Settled { chosen, every });
             }
             chosen = adjust::join_setups(problem, chosen, excluded, ctx)?;
             chosen = adjust::slide_views(problem, setups, chosen, excluded, ctx)?;
-            if regrades && first.is_none() {
+            if slides_greedy && first.is_none() {
                 first = adjust::better_graded_choice(problem, setups, &chosen.candidates, excluded, ctx)?;
                 if first.is_some() {
                     continue;
                 }
             }
             if is_settled(problem, &chosen) {
-                return Ok((chosen, every));
+                return Ok(Settled { chosen, every });
             }
             let of_chosen = problem.on_every_sample(sampled, setups, &problem.at_any_station(&chosen), every.take(), ctx)?;
             let of_chosen = every.insert(of_chosen);
             if of_chosen.meets_goals(&chosen.candidates, excluded) {
-                return Ok((chosen, every));
+                return Ok(Settled { chosen, every });
             }
             let goes_on = problem.chosen_on.refinements < MAX_REFINEMENTS;
             if !goes_on || !problem.refine(of_chosen, setups, &chosen, ctx)? {
-                return Ok((problem.topped_up(of_chosen, chosen, excluded, ctx)?, every));
+                let chosen = problem.topped_up(of_chosen, chosen, excluded, ctx)?;
+                return Ok(Settled { chosen, every });
             }
             problem.forget_from(known);
         }
@@ -448,8 +468,8 @@ impl<'a> Stages<'a> {
     }
 }
 
-/// Returns true if chosen views need not meet their goals on every sample too: they do not where they are chosen, tolerate
-/// errors, or are chosen on every sample.
+/// Returns true if chosen views are not held against every sample: they miss their goals on the samples that they are chosen on
+/// already, tolerate errors, or are chosen on every sample.
 fn is_settled(problem: &ViewPlanningProblem<'_>, chosen: &ChosenViews) -> bool {
     chosen.selection.stopped_because != StopReason::Target || problem.tolerates_errors() || problem.strata.is_none()
 }
@@ -534,7 +554,27 @@ mod tests {
 
     use super::*;
     use crate::planning::context::Silent;
-    use crate::testing::{box_mesh, nominal_scanner};
+    use crate::planning::params::{CandidateParams, Engine, PoseErrorParams};
+    use crate::testing::{box_mesh, nominal_scanner, trough};
+
+    /// The bound of what views measure under errors too was told as one of what they measure as planned.
+    #[test]
+    fn no_plan_of_views_that_tolerate_errors_has_a_bound_of_its_share() {
+        let (mesh, scanner, cancel) = (trough(), nominal_scanner(), AtomicBool::new(false));
+        let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
+        let mut params = PlanParams { candidates: CandidateParams::ellipsoid(), ..PlanParams::default() };
+        (params.part.samples_per_mm2, params.part.patch_edge_mm) = (Some(0.005), Some(20.0));
+        (params.visibility.engine, params.missed.remedies, params.missed.advice) = (Engine::Rays, 0, false);
+        (params.selection.goal, params.selection.max_views) = (SelectionGoal::BestCoverage, Some(2));
+        params.robust.pose_error = Some(PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 });
+        (params.robust.draws, params.robust.part_draws, params.robust.hand_eye_draws) = (1, 1, 1);
+        for select in [false, true] {
+            params.robust.select = select;
+            let bound = plan(&input, &params, &Context::new(&cancel, &Silent)).expect("a plan").plan.bound;
+            assert_eq!((bound.of_asked_upper.is_some(), bound.gap_of_asked.is_some()), (!select, !select), "{bound:?}");
+            assert!(bound.views_lower >= 1, "{bound:?}");
+        }
+    }
 
     /// The part was planned, and its plan was then refused, as poses that are written may contain 100 m.
     #[test]

@@ -12,7 +12,7 @@ use super::lanes::{LANES, Lanes, cross, dot, each, minus, simd_from_fn, simd_max
 use super::origin::inverse;
 use super::tree::{BLOCK, Block};
 
-/// Number of rays up to which they are bounded and tested one by one, not all sixteen at once.
+/// Number of rays up to which they are bounded one by one, not all sixteen at once.
 const FEW: u32 = 5;
 const SIGN: u32 = 1 << 31;
 /// End of a lane without a ray, or without need of one: before every box and triangle.
@@ -120,11 +120,11 @@ impl Packet {
     }
 
     /// Takes what `lanes`, and perhaps others, hit of a block; with `ANY_HIT` a ray is done with its first hit, wherever
-    /// that is.
+    /// that is. All rays are held against each triangle, or each ray against all triangles, whichever are fewer.
     #[inline(always)]
     pub(super) fn meet<const ANY_HIT: bool>(&mut self, block: &Block, origin: &[[f32; 2]; 3], lanes: u32) {
         let seen = Seen::from(block, origin, self.axes);
-        if lanes.count_ones() > FEW {
+        if lanes.count_ones() > block.count {
             for slot in 0..(block.count as usize).min(BLOCK) {
                 self.meet_triangle::<ANY_HIT>(&seen, slot, block.first + slot as u32);
             }

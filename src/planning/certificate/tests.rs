@@ -4,12 +4,13 @@ use nalgebra::{Point3, Vector3};
 
 use super::draws::spread_error;
 use super::*;
+use crate::geometry::Mesh;
 use crate::planning::context::Silent;
 use crate::planning::params::{CandidateParams, Engine, InterestParams, PoseErrorParams, Region};
 use crate::planning::plan;
 use crate::planning::plan::{Drawn, Outcome};
 use crate::planning::random::Stream;
-use crate::testing::{nominal_scanner, trough};
+use crate::testing::{box_mesh, nominal_scanner, trough};
 
 const ERROR: PoseErrorParams = PoseErrorParams { angle_deg: 1.0, translation_mm: 2.0 };
 
@@ -131,6 +132,46 @@ fn a_small_region_is_told_by_samples_of_its_own_in_both_sets() {
         assert!((area_mm2 - 6.25 * std::f64::consts::PI).abs() < 1.0, "{region:?}");
     }
     assert!((independent.of_asked() - region.of_asked()).abs() < 0.1, "{region:?}");
+}
+
+/// A box of 7600 mm² of which an edge strip of so many mm along y and z is asked, 0.1 µm of it on the faces beside.
+fn sliver(y_mm: f64, z_mm: f64) -> (Mesh, PlanParams) {
+    let mut params = PlanParams::default();
+    let ends = [([29.9999, 0.0, 0.0], 0), ([0.0, 20.0 - y_mm, 0.0], 1), ([0.0, 0.0, 15.0 - z_mm], 2)];
+    let beyond = |(point_mm, axis): ([f64; 3], usize)| {
+        let normal = std::array::from_fn(|own| f64::from(u8::from(own == axis)));
+        Region::HalfSpace { point_mm, normal }
+    };
+    params.regions.exclude = ends.map(beyond).into();
+    (box_mesh([-30.0, -20.0, -15.0], [30.0, 20.0, 15.0]), params)
+}
+
+/// Some seeds had such a job refused; with others the second samples held nothing of it, and the plan told 0 % beside 100 %.
+#[test]
+fn a_sliver_of_a_part_has_samples_in_both_sets_with_every_seed() {
+    let (scanner, cancel, (mesh, mut params)) = (nominal_scanner(), AtomicBool::new(false), sliver(0.05, 0.4));
+    let input = PlanInput { mesh: &mesh, fixture: None, part_sha256: "", scanner: &scanner, cell: None, roadmaps: None };
+    let ctx = Context::new(&cancel, &Silent);
+    for seed in 0..6 {
+        params.seed = seed;
+        let first = requirements::sampled(&mesh, &params, seed, &ctx).unwrap_or_else(|error| panic!("seed {seed}: {error}"));
+        let second = SecondSampling::new(&input, &params, &[], None, &ctx).unwrap_or_else(|error| panic!("seed {seed}: {error}"));
+        for (surface, least) in [(&first, 60), (&second.surface, 240)] {
+            let (asked, asked_mm2) = (surface.asked.iter().filter(|asked| **asked).count(), surface.asked_area_mm2());
+            let share = asked_mm2.iter().sum::<f64>() / 0.020_045;
+            assert!(asked >= least && (share - 1.0).abs() < 0.3, "seed {seed}: {asked} samples of {share} of it");
+            assert!((surface.area_where(|_| true) - mesh.area_mm2()).abs() < 1e-6, "every patch stands for its area");
+        }
+    }
+}
+
+#[test]
+fn what_is_too_little_for_samples_is_refused_with_every_seed() {
+    let (cancel, (mesh, params)) = (AtomicBool::new(false), sliver(1e-4, 1e-4));
+    for seed in 0..3 {
+        let refused = requirements::sampled(&mesh, &params, seed, &Context::new(&cancel, &Silent)).expect_err("nothing is left");
+        assert!(refused.to_string().starts_with("/regions/exclude: leaves nothing of the part"), "{refused}");
+    }
 }
 
 /// The chosen samples of such a disc may all lie in the half that views see: others say that the target is missed.

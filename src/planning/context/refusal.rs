@@ -45,8 +45,8 @@ pub(in crate::planning) enum Refusal {
     /// Excluded regions hold the whole part.
     #[error("leaves nothing of the part to measure; exclude less")]
     NothingAsked,
-    /// A face that the file does not have.
-    #[error("names face {face}; the file's faces are 0 to {last_face}")]
+    /// A face beyond the last one that has an area: the file does not have it, or it is degenerate and was dropped.
+    #[error("names face {face}; the file's last face with an area is {last_face}, counted from 0: leave out what lies beyond")]
     NoSuchFace { face: u32, last_face: u32 },
     /// A group of a file that names none.
     #[error("is {name:?}; the file has no named groups")]

@@ -39,8 +39,8 @@ pub(in crate::planning) fn explain(blocked: &[BlockedCandidate<'_>], ctx: &Conte
             _ => {
                 entry.without_path += 1;
                 // No path leads from there, whatever else is in the way.
-                if is_home_blocked(blocked.scene) {
-                    entry.advice = Advice::MoveHome;
+                if let Some(met) = met_at_home(blocked.scene) {
+                    entry.advice = home_advice(met, blocked.scene.asked_clearance_mm());
                 }
             }
         }
@@ -51,9 +51,13 @@ pub(in crate::planning) fn explain(blocked: &[BlockedCandidate<'_>], ctx: &Conte
     Ok(found)
 }
 
-/// Returns true if two bodies meet at the home of the cell while the part lies as in this scene.
-fn is_home_blocked(scene: &PlanningScene<'_>) -> bool {
-    scene.collision_scene().check(&scene.cell().home_rad).is_some()
+/// Two bodies that meet at the home of the cell while the part lies as in this scene.
+fn met_at_home(scene: &PlanningScene<'_>) -> Option<Contact> {
+    scene.collision_scene().check(&scene.cell().home_rad)
+}
+
+fn home_advice(bodies: Contact, clearance_mm: f64) -> Advice {
+    if bodies.is_with_part() { Advice::MoveHome } else { Advice::FreeHome { bodies, clearance_mm } }
 }
 
 fn obstruction(bodies: Contact, ends: &[Configuration; 2], scene: &PlanningScene<'_>) -> Obstruction {
@@ -96,6 +100,15 @@ mod tests {
 
     use super::*;
     use crate::cell::{Body, Presets, RunoutHarmonic, Shape, SpecLibrary};
+
+    /// A home at which the arm meets its own scanner was to be moved away from the part.
+    #[test]
+    fn a_home_at_which_the_part_meets_nothing_is_not_to_be_moved_away_from_it() {
+        let met = |b: &str| Contact { a: "link 4".into(), b: b.into() };
+        assert_eq!(["part", "fixture"].map(|b| home_advice(met(b), 5.0)), [Advice::MoveHome, Advice::MoveHome]);
+        let bodies = met("scanner body");
+        assert_eq!(home_advice(bodies.clone(), 5.0), Advice::FreeHome { bodies, clearance_mm: 5.0 });
+    }
 
     /// The whole distance was advised: with a plate that runs out, a clearance with which the two still collide, or a larger one than
     /// the present.

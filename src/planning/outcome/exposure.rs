@@ -1,15 +1,16 @@
 //! Brightness of each chosen view, and the area that views see and that is expected to be too dark or saturated
-//! ([`crate::cell::Exposure`]).
+//! ([`crate::cell::Exposure`]). What an obstacle of the cell hides where a view is taken is not seen.
 //!
 //! Every view is evaluated once more, as if any brightness did: about the time that casting the chosen views takes.
 
-use super::Solution;
+use super::{Solution, station_of};
 use crate::cell::{ExposureFault, LevelRange, best_levels};
 use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{CandidateIndex, SampleId, ViewId};
 use crate::planning::params::Brightness;
 use crate::planning::plan::{ExposureLoss, ViewExposure};
+use crate::planning::sequence::Ordered;
 use crate::planning::setups::Setup;
 use crate::planning::visibility::{Optics, UnitedViews};
 
@@ -30,18 +31,26 @@ pub(super) struct Exposures {
     pub(super) loss: ExposureLoss,
 }
 
-/// Chooses the brightness of each view; `None` where nothing is known of the materials.
+/// Chooses the brightness of each view, taken where `ordered` has it; `None` where nothing is known of the materials.
 ///
 /// # Errors
 /// [`Cancelled`].
-pub(super) fn of(solution: &Solution<'_>, setups: &[Setup<'_>], ctx: &Context<'_>) -> Result<Option<Exposures>, Cancelled> {
+pub(super) fn of(
+    solution: &Solution<'_>,
+    setups: &[Setup<'_>],
+    ordered: &[Ordered],
+    ctx: &Context<'_>,
+) -> Result<Option<Exposures>, Cancelled> {
     let Solution { problem, chosen, no_path, .. } = solution;
     if problem.params.material_of_part().is_none() {
         return Ok(None);
     }
     let seen = |&(view, candidate): &(ViewId, &CandidateIndex)| match no_path.contains(candidate) {
         true => Ok(None),
-        false => lit(solution, setups, view, *candidate, ctx).map(Some),
+        false => {
+            let table_rad = station_of(ordered, view).map(|station| station.table_angle_rad);
+            lit(solution, setups, (view, *candidate), table_rad, ctx).map(Some)
+        }
     };
     let views: Vec<_> = ViewId::number(&chosen.candidates).collect();
     let seen = parallel::try_map::<_, _, Cancelled>(&views, seen)?;
@@ -50,21 +59,29 @@ pub(super) fn of(solution: &Solution<'_>, setups: &[Setup<'_>], ctx: &Context<'_
     Ok(Some(Exposures { views, loss }))
 }
 
-/// Samples that a view sees, each with the levels at which it can be measured.
+/// Samples that a view sees while the table stands at an angle, each with the levels at which it can be measured.
 fn lit(
     solution: &Solution<'_>,
     setups: &[Setup<'_>],
-    view: ViewId,
-    candidate: CandidateIndex,
+    (view, candidate): (ViewId, CandidateIndex),
+    table_rad: Option<f64>,
     ctx: &Context<'_>,
 ) -> Result<Vec<LitSample>, Cancelled> {
     let Solution { problem, measuring, .. } = solution;
+    let measured = measuring[view.index()].measured();
     let (surface, params) = (&*problem.surface, problem.params);
     let candidate = &problem.candidates[candidate];
     let optics = Optics::new(problem.input.scanner, params, &surface.requirements).at_any_brightness();
-    let occluders = &setups[candidate.setup.index()].occluders;
-    let united = UnitedViews::new(surface, &optics, occluders, params, ctx);
-    let row = united.row(&candidate.part_from_scanner, &united.nothing())?;
+    let setup = &setups[candidate.setup.index()];
+    let united = UnitedViews::new(surface, &optics, &setup.occluders, params, ctx);
+    let mut row = united.row(&candidate.part_from_scanner, &united.nothing())?;
+    if let (Some(scene), Some(table_rad)) = (&setup.scene, table_rad) {
+        // A view measures nothing that is hidden where it is taken: only what else it sees has to be tested.
+        let beside = row.without(measured);
+        if let Some(hidden) = scene.sight().hidden(surface, &candidate.part_from_scanner, beside.measured(), table_rad, ctx)? {
+            row = row.without(&hidden);
+        }
+    }
     let at = optics.at(&candidate.part_from_scanner);
     let allowed = params.scan.brightness.levels();
     let lit = |sample: SampleId| {
@@ -72,7 +89,7 @@ fn lit(
         let material = surface.requirements.of(sample).material.filter(|_| area_mm2 > 0.0)?;
         let range = at.levels_at(&surface.sample_mm[sample.index()], &surface.patch_of(sample).normal, &material);
         // Something else than the light keeps the view from a sample that a level would do for.
-        let is_seen = measuring[view.index()].holds(sample) || !range.is_lit_at_any(allowed.clone());
+        let is_seen = measured.holds(sample) || !range.is_lit_at_any(allowed.clone());
         is_seen.then_some(LitSample { sample, range, area_mm2 })
     };
     Ok(row.samples().filter_map(lit).collect())

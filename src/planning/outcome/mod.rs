@@ -24,7 +24,7 @@ use super::selection::{Bound, coverable_mm2};
 use super::sequence::Ordered;
 use super::setups::Setup;
 use super::setups::registration::{MeasuredSurface, SharedSurface, Stability};
-use super::stations::StationFailure;
+use super::stations::{Station, StationFailure};
 use super::visibility::{self, Occluders, Optics, Row, SampleSet};
 use crate::cell::Configuration;
 use crate::geometry::{Part, Pose, RayScene, ScannerFrame, parallel};
@@ -87,7 +87,7 @@ pub(super) fn assemble(
         coverage::recount_causes(&mut coverage, &problem, &verdicts);
     }
     coverage.at_risk = at_risk::area(&solution, &risks);
-    let exposures = exposure::of(&solution, surroundings.setups, ctx)?;
+    let exposures = exposure::of(&solution, surroundings.setups, &ordered, ctx)?;
     coverage.exposure = exposures.as_ref().map(|exposures| exposures.loss);
     let has_path = |candidate: CandidateIndex| solution.has_path(candidate, surroundings.setups, ctx);
     let missed = missed::explain(&solution.miss_analysis(surroundings, &has_path), &verdicts, ctx)?;
@@ -244,10 +244,6 @@ impl<'a> Solution<'a> {
 
     fn views(&self, ordered: &[Ordered], coverage: &Coverage) -> Vec<PlannedView> {
         let Self { problem, chosen, used, no_path, .. } = self;
-        let station = |view: ViewId| {
-            let mut visits = ordered.iter().flat_map(|ordered| &ordered.sequence.visits);
-            visits.find(|(visited, _)| *visited == view).map(|(_, leg)| leg.target)
-        };
         let curve = &coverage.curve_area_mm2;
         let gain_mm2 = |view: ViewId| match view.index() {
             0 => curve[0],
@@ -257,7 +253,7 @@ impl<'a> Solution<'a> {
         let choices = chosen.views().zip(&chosen.selection.choices);
         choices
             .map(|((id, index), choice)| {
-                let (candidate, station) = (&problem.candidates[index], station(id));
+                let (candidate, station) = (&problem.candidates[index], station_of(ordered, id));
                 PlannedView {
                     id,
                     candidate: candidate.id,
@@ -333,6 +329,12 @@ impl<'a> Solution<'a> {
             has_path,
         }
     }
+}
+
+/// The station at which a view is taken; `None` where it has no path, or without a cell.
+fn station_of(ordered: &[Ordered], view: ViewId) -> Option<Station> {
+    let mut visits = ordered.iter().flat_map(|ordered| &ordered.sequence.visits);
+    visits.find(|(visited, _)| *visited == view).map(|(_, leg)| leg.target)
 }
 
 /// Returns true if two bodies of the cell meet at its home while the part lies like this: no path leads from there to any view.

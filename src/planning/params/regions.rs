@@ -128,8 +128,9 @@ params! {
         name: Option<String>;
         /// Region that must keep the tolerance.
         region: Region;
-        /// Width of the tolerance zone, mm. A feature whose tolerance is below 4 · `noise.best_mm` / `noise.budget` (0.156 mm by
-        /// default) is accepted with a warning, but none of it counts as measured: even at best, the noise is too large for it.
+        /// Width of the tolerance zone from limit to limit, mm: 0.3 for ±0.15 mm in a drawing. A feature whose tolerance is below
+        /// 4 · `noise.best_mm` / `noise.budget` (0.156 mm by default) is accepted with a warning, but none of it counts as
+        /// measured: even at best, the noise is too large for it.
         tolerance_mm: f64, [0.001, 100.0] "mm";
         /// Maximum distance between measured points on the surface, mm. Default: no limit.
         #[serde(default)]

@@ -24,9 +24,9 @@ pub struct RegionCoverage {
     pub measured_area_mm2: f64,
     /// Share of the asked area that was to be measured.
     pub target: Option<f64>,
-    /// Width of the tolerance zone of a feature.
+    /// Width of the tolerance zone of a feature: 0.3 for ±0.15 mm.
     pub tolerance_mm: Option<f64>,
-    /// Finest tolerance that the noise of the job can serve.
+    /// Width of the finest tolerance zone that the noise of the job can serve.
     pub min_tolerance_mm: f64,
     /// Missed part of the asked area by cause, the largest first.
     pub missed_mm2: Vec<(Cause, f64)>,

@@ -198,7 +198,8 @@ impl ViewPlanningProblem<'_> {
         let of_coverable = self.params.selection.target_of == TargetOf::Coverable;
         let counts = |sample: SampleId| !of_coverable || coverable.holds(sample);
         let goal = |(number, region): (usize, requirements::NamedRegion)| {
-            let holds = |sample: SampleId| requirements.of(sample).regions.contains(&number);
+            let is_held: Vec<bool> = requirements.kinds.iter().map(|kind| kind.regions.contains(&number)).collect();
+            let holds = |sample: SampleId| is_held[usize::from(requirements.kind(sample))];
             let area = |sample: SampleId| if holds(sample) { self.asked_area_mm2[sample.index()] } else { 0.0 };
             let area_mm2: Vec<f64> = self.surface.samples().map(area).collect();
             let counted = self.surface.samples().filter(|sample| counts(*sample));

@@ -74,13 +74,12 @@ impl<'a> Margins<'a> {
         let margin_px = self.input.params.realism.silhouette_margin_px;
         let part_from_device = self.device_from_part[device.name].inverse();
         let open: Vec<usize> = (0..samples.len()).filter(|place| found[*place].is_none()).collect();
+        let ring = ring(margin_px).map(|[du, dv]| [du / device.lens.fx, dv / device.lens.fy]);
         let rays = open.iter().flat_map(|place| {
             let point = self.in_device(device.name, samples[*place]);
-            ring(margin_px).map(move |[du, dv]| {
-                let (x, y) = (point.x / point.z + du / device.lens.fx, point.y / point.z + dv / device.lens.fy);
-                // Depth 1, so that the share of a hit is its depth.
-                part_from_device * Vector3::new(x, y, 1.0)
-            })
+            let (x, y) = (point.x / point.z, point.y / point.z);
+            // Depth 1, so that the share of a hit is its depth.
+            ring.map(move |[dx, dy]| part_from_device * Vector3::new(x + dx, y + dy, 1.0))
         });
         let (rays, mut hits) = (rays.collect::<Vec<_>>(), Vec::new());
         let centre_mm = Point3::from(part_from_device.translation.vector);
@@ -102,8 +101,8 @@ impl<'a> Margins<'a> {
 }
 
 /// Pixel offsets of the rays of a ring.
-fn ring(radius_px: f64) -> impl Iterator<Item = [f64; 2]> {
-    (0..RING).map(move |ray| {
+fn ring(radius_px: f64) -> [[f64; 2]; RING] {
+    std::array::from_fn(|ray| {
         let (sin, cos) = (TAU * ray as f64 / RING as f64).sin_cos();
         [radius_px * cos, radius_px * sin]
     })

@@ -82,7 +82,8 @@ pub(super) fn risks(input: &RiskInput<'_>, views: &[RiskView<'_>], ctx: &Context
     let realism = &input.params.realism;
     if realism.concave_zone_mm > 0.0 {
         let edges = concave::concave_edges(input.mesh, realism.concave_dihedral_deg.to_radians(), ctx)?;
-        let zone = concave::zone(input.surface, &edges, realism.concave_zone_mm, |sample| measured.holds(sample), ctx)?;
+        let is_measured = |sample: SampleId| measured.holds(sample);
+        let zone = concave::zone(input.surface, (input.mesh, &edges), realism.concave_zone_mm, is_measured, ctx)?;
         for near in &zone {
             ctx.check()?;
             let reflects = is_lit_by_reflection(input, views, near);

@@ -42,7 +42,7 @@ fn concave_edges(mesh: &Mesh, dihedral_max_rad: f64) -> Vec<ConcaveEdge> {
 fn in_zone(surface: &Surface, mesh: &Mesh, zone_mm: f64) -> SampleSet {
     let edges = concave_edges(mesh, RIGHT_ANGLE_AND_MORE_RAD);
     let mut samples = SampleSet::none_of(surface.sample_mm.len());
-    let zone = with_ctx(|ctx| zone(surface, &edges, zone_mm, |_| true, ctx));
+    let zone = with_ctx(|ctx| zone(surface, (mesh, &edges), zone_mm, |_| true, ctx));
     zone.iter().for_each(|near| samples.insert(near.sample));
     samples
 }
@@ -76,6 +76,23 @@ fn the_zone_of_a_slot_is_a_strip_along_either_corner_on_floor_and_walls() {
         let expected_mm2 = 4.0 * width_mm * 20.0;
         let share = area_mm2(&surface, &zone) / expected_mm2;
         assert!((share - 1.0).abs() < 0.03, "{share} of {expected_mm2} mm²");
+    }
+}
+
+#[test]
+fn the_zone_of_some_samples_is_that_of_all_which_holds_them() {
+    let mesh = sheet(&SLOT, 10.0);
+    let (surface, edges) = (sampled(&mesh, 20.0), concave_edges(&mesh, RIGHT_ANGLE_AND_MORE_RAD));
+    for width_mm in [0.01, 0.5, 4.0] {
+        let all = in_zone(&surface, &mesh, width_mm);
+        let is_asked = |sample: SampleId| {
+            let p = &surface.sample_mm[sample.index()];
+            p.x > 3.0 && (1.0..2.5).contains(&p.y)
+        };
+        let some = with_ctx(|ctx| zone(&surface, (&mesh, &edges), width_mm, is_asked, ctx));
+        let of_all: Vec<SampleId> = all.iter().filter(|sample| is_asked(*sample)).collect();
+        assert_eq!(some.iter().map(|near| near.sample).collect::<Vec<_>>(), of_all, "{width_mm} mm");
+        assert!(!of_all.is_empty() || width_mm < 0.1);
     }
 }
 

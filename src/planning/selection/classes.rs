@@ -10,6 +10,9 @@ use super::columns::{ColumnNumbers, Columns};
 use super::units::Units;
 use crate::planning::ids::{RowIndex, SampleId};
 
+/// Goals, at most, whose products count for nothing beside those of the rows. Our choice.
+const FEW_GOALS: usize = 16;
+
 /// The reduced matrix.
 pub(super) struct Classes {
     /// The problem's rows that no other makes superfluous, ascending.
@@ -53,17 +56,22 @@ impl Classes {
         Self { rows: places.iter().map(|place| rows[*place]).collect(), of_row, units, of_sample }
     }
 
-    /// Work of a step of the relaxation: half the square of the rows of each class.
+    /// Work of a step of the relaxation: half the square of the rows of each class, and that of many goals.
     pub(super) fn step_work(&self) -> f64 {
-        let mut rows = vec![0.0; self.len()];
+        let (mut rows, of_goals) = (vec![0.0; self.len()], work_of_goals(self.units.len()));
         self.of_row.iter().flatten().for_each(|class| rows[*class as usize] += 1.0);
-        rows.iter().map(|rows| rows * rows / 2.0).sum()
+        rows.iter().map(|rows| rows * rows / 2.0 + of_goals).sum()
     }
 
     /// Number of classes.
     pub(super) fn len(&self) -> usize {
         self.units.first().map_or(0, Vec::len)
     }
+}
+
+/// Work of a step of the relaxation for each class by so many goals: half their square, or nothing where they are few.
+pub(super) fn work_of_goals(goals: usize) -> f64 {
+    if goals <= FEW_GOALS { 0.0 } else { (goals * goals) as f64 / 2.0 }
 }
 
 /// Finds the places of rows, given by their classes, ascending, that no other contains; of equal ones the first. Only rows that hold the

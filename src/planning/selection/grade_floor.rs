@@ -27,7 +27,27 @@ pub(in crate::planning) struct GradeFloor {
     asked_area_mm2: Vec<f64>,
     weighted_area_mm2: Vec<f64>,
     goals: Vec<Goal<'static>>,
+    /// Every so many samples one has twins.
+    stride: usize,
     pub(super) start: super::Cover,
+}
+
+/// Area that views must measure of each grade that has a floor, or better, with the twins by which it was told.
+pub(super) struct FloorNeeds {
+    needed_mm2: Vec<f64>,
+    /// Every so many samples one had twins.
+    stride: usize,
+    /// Area of the twins of a floor.
+    twins_mm2: f64,
+}
+
+impl FloorNeeds {
+    /// Area needed of twins of this area, one at every so many samples: where these are others than it was told by, the same share.
+    fn on(&self, floor: usize, stride: usize, twins_mm2: f64) -> Option<f64> {
+        let needed_mm2 = *self.needed_mm2.get(floor)?;
+        let is_told_alike = stride == self.stride || self.twins_mm2 <= 0.0;
+        Some(if is_told_alike { needed_mm2 } else { needed_mm2 / self.twins_mm2 * twins_mm2 })
+    }
 }
 
 impl GradeFloor {
@@ -44,10 +64,10 @@ impl GradeFloor {
         if problem.rows.iter().any(|row| row.quality().is_none()) {
             return Ok(None);
         }
-        let (max_loss, first_mm2) = match first.map(|first| &first.floors) {
-            Some(Floors::MaxLoss(max_loss)) => (*max_loss, &[][..]),
-            Some(Floors::NeededMm2(needed_mm2)) => (max_loss, needed_mm2.as_slice()),
-            None => (max_loss, &[][..]),
+        let (max_loss, needs) = match first.map(|first| &first.floors) {
+            Some(Floors::MaxLoss(max_loss)) => (*max_loss, None),
+            Some(Floors::Needed(needs)) => (max_loss, needs.as_ref()),
+            None => (max_loss, None),
         };
         let start = greedy::select_after(problem, params, weights, first.map_or(&[], |first| &first.rows), ctx)?;
         let places = TwinPlaces::new(problem.asked_area_mm2.len());
@@ -58,8 +78,9 @@ impl GradeFloor {
             let area_mm2 = places.of_twins(problem.asked_area_mm2, floor);
             let chosen: Vec<&Row> = start.choices.iter().map(|choice| &rows[choice.row.index()]).collect();
             let greedy_mm2 = coverable_mm2(&chosen, &area_mm2);
-            let of_greedy_mm2 = (greedy_mm2 - max_loss * area_mm2.iter().sum::<f64>()).max(0.0);
-            let needed_mm2 = first_mm2.get(floor).copied().unwrap_or(of_greedy_mm2);
+            let twins_mm2 = area_mm2.iter().sum::<f64>();
+            let of_greedy_mm2 = (greedy_mm2 - max_loss * twins_mm2).max(0.0);
+            let needed_mm2 = needs.and_then(|needs| needs.on(floor, places.stride, twins_mm2)).unwrap_or(of_greedy_mm2);
             goals.push(Goal { area_mm2: Cow::Owned(area_mm2), needed_mm2 });
         }
         Ok(Some(Self {
@@ -67,6 +88,7 @@ impl GradeFloor {
             asked_area_mm2: places.of_samples(problem.asked_area_mm2),
             weighted_area_mm2: places.of_samples(&problem.weighted_area_mm2),
             goals,
+            stride: places.stride,
             start,
         }))
     }
@@ -78,9 +100,14 @@ impl GradeFloor {
         params.max_grade_loss.filter(|_| counts && matches!(params.solver, Solver::Local | Solver::Certified))
     }
 
-    /// Area needed of each grade or better, mm².
-    pub(super) fn needed_mm2(&self) -> Vec<f64> {
-        self.goals[self.goals.len() - FLOORS.len()..].iter().map(|goal| goal.needed_mm2).collect()
+    /// Area needed of each grade or better.
+    pub(super) fn needs(&self) -> FloorNeeds {
+        let floors = &self.goals[self.goals.len() - FLOORS.len()..];
+        FloorNeeds {
+            needed_mm2: floors.iter().map(|goal| goal.needed_mm2).collect(),
+            stride: self.stride,
+            twins_mm2: floors[0].area_mm2.iter().sum(),
+        }
     }
 
     /// The problem with twins; its rows are those of `problem`.
@@ -178,7 +205,33 @@ fn first_step(scale: QualityScale, grade: Grade) -> i32 {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicBool;
+
     use super::*;
+    use crate::planning::context::Silent;
+    use crate::planning::selection::first_choice;
+
+    /// Twins of every second sample have half the area, of which the whole was asked for.
+    #[test]
+    fn floors_of_a_first_choice_are_the_same_share_where_fewer_samples_have_twins() {
+        let (params, weights, flag) = (SelectionParams::default(), ScoreParams::default(), AtomicBool::new(false));
+        let ctx = Context::new(&flag, &Silent);
+        let best = |samples: usize| Row::from_samples(samples, (0..samples).map(|sample| (SampleId::at(sample), 1.0)));
+        let (before, after) = (best(MAX_TWINNED - 1), best(MAX_TWINNED + 1));
+        let area_mm2 = vec![1.0; MAX_TWINNED + 1];
+        let problem = |row, samples: usize| CoverProblem::new(vec![row], &area_mm2[..samples], samples as f64, &params);
+        let (before, after) = (problem(&before, MAX_TWINNED - 1), problem(&after, MAX_TWINNED + 1));
+        let first = first_choice(&before, &params, &weights, &ctx).expect("not cancelled");
+        let floors = |problem: &CoverProblem<'_>, first: Option<&FirstChoice>| {
+            let floor = GradeFloor::of(problem, &params, &weights, first, &ctx).expect("not cancelled").expect("floors");
+            floor.goals[1..].iter().map(|goal| (goal.needed_mm2, goal.area_mm2.iter().sum::<f64>())).collect::<Vec<_>>()
+        };
+        assert_eq!(floors(&before, Some(&first)), floors(&before, None), "the same areas on the same samples");
+        let share = 1.0 - params.max_grade_loss.unwrap_or_default();
+        for (needed_mm2, twins_mm2) in floors(&after, Some(&first)) {
+            assert!((needed_mm2 / twins_mm2 - share).abs() < 1e-9, "{needed_mm2} of {twins_mm2} mm²");
+        }
+    }
 
     #[test]
     fn a_row_holds_the_twin_of_what_it_measures_at_the_grade_or_better() {

@@ -284,14 +284,20 @@ impl<'a> CoverState<'a> {
     }
 
     fn deficit(&self) -> i64 {
-        self.goals.iter().zip(&self.covered).map(|(goal, covered)| (goal.needed - covered).max(0)).sum()
+        together(self.goals.iter().zip(&self.covered).map(|(goal, covered)| (goal.needed - covered).max(0)))
     }
 
     /// Deficit of all views but one.
     fn deficit_without(&self, view: ViewId) -> i64 {
         let of_goals = self.goals.iter().zip(&self.covered).zip(&self.lost);
-        of_goals.map(|((goal, covered), lost)| (goal.needed - (covered - lost[view.index()])).max(0)).sum()
+        together(of_goals.map(|((goal, covered), lost)| (goal.needed - (covered - lost[view.index()])).max(0)))
     }
+}
+
+/// Deficit of all goals together. Each may miss 2⁵² units, so that the sum of 2048 is no i64 any more: it ends at the largest, which
+/// is unmet and no better than any other.
+fn together(of_goals: impl Iterator<Item = i64>) -> i64 {
+    of_goals.fold(0, i64::saturating_add)
 }
 
 /// Segments of some blocks, see [`CoverState::segments`], and the units of each goal that the views cover there.
@@ -351,12 +357,10 @@ impl<'a> SwapPricer<'a> {
         let CoverState { goals, lost, covered, .. } = &self.state;
         let deficit = |view: ViewId| {
             let of_goals = goals.iter().zip(covered).zip(lost).zip(regained.chunks_exact(self.views + 1));
-            of_goals
-                .map(|(((goal, covered), lost), regained)| {
-                    let covered = covered - lost[view.index()] + regained[view.index()] + regained[self.views];
-                    (goal.needed - covered).max(0)
-                })
-                .sum()
+            together(of_goals.map(|(((goal, covered), lost), regained)| {
+                let covered = covered - lost[view.index()] + regained[view.index()] + regained[self.views];
+                (goal.needed - covered).max(0)
+            }))
         };
         ViewId::first(self.views).map(deficit).collect()
     }
@@ -471,11 +475,13 @@ impl Swaps {
 
 #[cfg(test)]
 mod tests {
+    use std::borrow::Cow;
     use std::sync::atomic::AtomicBool;
 
     use super::*;
     use crate::planning::context::Silent;
     use crate::planning::ids::SampleId;
+    use crate::planning::selection::Goal;
 
     #[test]
     fn attempts_begin_without_the_views_that_are_missed_least() {
@@ -492,5 +498,29 @@ mod tests {
         let flag = AtomicBool::new(false);
         let found = exchange.one_fewer(&chosen, &mut Budget { left: u64::MAX }, &Context::new(&flag, &Silent));
         assert_eq!(found.expect("not cancelled"), None, "two of the four views measure five samples at most");
+    }
+
+    /// The deficit of 2600 goals, 2⁵² units each, wrapped around: a view that all of them need was removed as redundant.
+    #[test]
+    fn a_view_that_2600_goals_need_is_no_redundant_one() {
+        let rows = [0, 1, 1].map(|sample| Row::from_samples(2, [(SampleId(sample), 0.0)]));
+        let (area_mm2, params) = ([1.0, 3.0], SelectionParams::default());
+        let mut problem = CoverProblem::new(rows.iter().collect(), &area_mm2, 4.0, &params);
+        // Both samples are needed: the last view by its area alone, the first by all goals but the plan's own.
+        let first = || Goal { area_mm2: Cow::Borrowed(&[1.0, 0.0]), needed_mm2: 1.0 };
+        problem.goals.extend(std::iter::repeat_with(first).take(2_600));
+        let (goals, overlap) = (Units::of_goals(&problem), Overlap::new(&problem, &params.overlap));
+        let exchange = Exchange { problem: &problem, goals: &goals, overlap: &overlap };
+        let (both, flag) = ([1, 0].map(RowIndex::at), AtomicBool::new(false));
+        let state = CoverState::new(&exchange, &both);
+        assert_eq!((state.deficit(), state.deficit_without(ViewId::at(1))), (0, i64::MAX));
+        assert_eq!(exchange.deficit(&both[..1]), i64::MAX);
+        let ctx = Context::new(&flag, &Silent);
+        assert_eq!(exchange.remove_redundant(both.to_vec(), &ctx).expect("not cancelled"), both);
+        // Of the exchanges for the first row, which all goals need, and for the last, that is the better one.
+        let swaps = Swaps::new(&exchange, &both[..1], &ctx).expect("not cancelled");
+        let best = swaps.best(|_, _, _| true);
+        let left = goals[0].needed - goals[0].of_sample[0];
+        assert_eq!(best, Some((ViewId::at(0), RowIndex::at(0), left)));
     }
 }

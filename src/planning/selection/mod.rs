@@ -33,6 +33,7 @@ use super::context::{Cancelled, Context};
 use super::ids::{RowIndex, ViewId};
 use super::params::{ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
 use super::visibility::{Row, SampleSet};
+use grade_floor::FloorNeeds;
 
 pub use bound::Bound;
 pub(in crate::planning) use bound::OpenBound;
@@ -125,8 +126,8 @@ pub(in crate::planning) struct FirstChoice {
 
 /// Floors under grades that a first choice sets.
 enum Floors {
-    /// Area that views must measure of each grade that has a floor, or better, mm²; empty without floors.
-    NeededMm2(Vec<f64>),
+    /// Area that views must measure of each grade that has a floor, or better; `None` without floors.
+    Needed(Option<FloorNeeds>),
     /// Share of the asked area by which views may give less of a grade or better than the first choice does.
     MaxLoss(f64),
 }
@@ -177,7 +178,7 @@ pub(in crate::planning) fn choose(
         Solver::Local | Solver::Certified => return fewest(problem, params, score, first, ctx),
     };
     let chosen: Vec<&Row> = choices.iter().map(|choice| problem.row(choice.row)).collect();
-    let bound = Arc::new(OpenBound::of(problem, params, &chosen, problem.sets()));
+    let bound = Arc::new(OpenBound::of(problem, params, &chosen, problem.rows_without_quality()));
     Ok(OpenSelection { choices, stopped_because, bound })
 }
 
@@ -197,7 +198,7 @@ fn fewest(
     }
     let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
     let found = local::search(&scorer, params, start, ctx)?;
-    let bound = Arc::new(OpenBound::of(problem, params, &problem.measured(&found.rows), problem.sets()));
+    let bound = Arc::new(OpenBound::of(problem, params, &problem.measured(&found.rows), problem.rows_without_quality()));
     Ok(OpenSelection { choices: greedy::order(&scorer, &found.rows, ctx)?, stopped_because: found.stopped_because, bound })
 }
 
@@ -212,12 +213,12 @@ pub(in crate::planning) fn first_choice(
     ctx: &Context<'_>,
 ) -> Result<FirstChoice, Cancelled> {
     let floor = GradeFloor::of(problem, params, score, None, ctx)?;
-    let floors_mm2 = floor.as_ref().map_or_else(Vec::new, GradeFloor::needed_mm2);
+    let needs = floor.as_ref().map(GradeFloor::needs);
     let with_floor = floor.as_ref().map(|floor| floor.problem(problem));
     let (problem, start) = (with_floor.as_ref().unwrap_or(problem), floor.as_ref().map(|floor| &floor.start));
     let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
     let (found, _) = local::fewest(&scorer, params, start, &mut local::Budget::of(params), ctx)?;
-    Ok(FirstChoice { rows: found.rows, floors: Floors::NeededMm2(floors_mm2) })
+    Ok(FirstChoice { rows: found.rows, floors: Floors::Needed(needs) })
 }
 
 /// Chooses greedily, without a bound.
@@ -310,7 +311,7 @@ impl<'a> CoverProblem<'a> {
     }
 
     /// Copies of the rows without quality.
-    fn sets(&self) -> Vec<Row> {
+    fn rows_without_quality(&self) -> Vec<Row> {
         self.rows.iter().map(|row| Row::new(row.words().to_vec())).collect()
     }
 

@@ -5,7 +5,8 @@
 //! multipliers as such). It holds for any multipliers; those of the linear relaxation make it as good as that relaxation. Whole
 //! numbers throughout.
 //!
-//! Several goals enter as one: their units are added with whole weights, the relaxation's multipliers of the goals.
+//! Several goals enter as one: their units are added with whole weights, the relaxation's multipliers of the goals. Of many goals only
+//! some enter (`bound.rs`).
 //!
 //! A quick bound prices the rows first: on a small share of the samples the relaxation tells which rows the optimum can take, and
 //! only those of the smallest reduced costs enter the relaxation that counts; rows that would violate it are added, and it is solved
@@ -17,7 +18,7 @@ use rayon::prelude::*;
 
 use super::CoverProblem;
 use super::blocks::count_in;
-use super::classes::Classes;
+use super::classes::{Classes, work_of_goals};
 use super::relaxation::{Form, Precision, Solution, solve};
 use super::units::{Units, row_sums};
 use crate::geometry::SimdLevel;
@@ -50,7 +51,7 @@ const MAX_MERGED: usize = 60_000;
 
 /// Largest size of a relaxation.
 pub(super) struct RelaxationSize {
-    /// Classes × (rows a class)² / 2 at most, about: work of a step.
+    /// Classes × ((rows a class)² + goals²) / 2 at most, about: work of a step. The square of few goals counts for nothing.
     pub(super) step: f64,
     /// Rows at most.
     pub(super) rows: usize,
@@ -256,7 +257,8 @@ impl Reduced {
         let pairs_of = |row: &RowIndex| count_in(problem.row(*row).words(), problem.row(*row).words(), level);
         let pairs = rows.par_iter().map(pairs_of).sum::<usize>() as f64;
         let rows_a_sample = (pairs / all.len().max(1) as f64).max(1.0);
-        let max = (2.0 * step / (rows_a_sample * rows_a_sample)).max(1_000.0) as usize;
+        let products = rows_a_sample * rows_a_sample + 2.0 * work_of_goals(goals.len());
+        let max = (2.0 * step / products).max(1_000.0) as usize;
         let is_share = all.len() > max;
         let samples = if is_share { (0..max).map(|place| all[place * all.len() / max]).collect() } else { all };
         let classes = Classes::new(problem, goals, &samples, &rows);

@@ -72,6 +72,16 @@ impl Units {
         self.counted[block]
     }
 
+    /// Samples that it counts, as words of bits.
+    pub(super) fn counted_words(&self) -> &[u64] {
+        &self.counted
+    }
+
+    /// Returns true if it counts a sample that another goal does not.
+    pub(super) fn counts_beyond(&self, other: &Self) -> bool {
+        self.counted.iter().zip(&other.counted).any(|(own, other)| own & !other != 0)
+    }
+
     /// Units of the samples of a block.
     pub(super) fn of_block(&self, block: usize) -> &[i64] {
         let end = self.of_sample.len().min((block + 1) * BLOCK);

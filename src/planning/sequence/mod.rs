@@ -37,7 +37,7 @@ use self::station_graph::StationGraph;
 use super::context::{Cancelled, Context};
 use super::ids::ViewId;
 use super::params::{MotionParams, PlanParams};
-use super::stations::Station;
+use super::stations::{MAX_STATIONS, Station};
 pub use crate::cell::Configuration;
 use crate::cell::{Cell, CollisionScene};
 
@@ -45,6 +45,8 @@ use crate::cell::{Cell, CollisionScene};
 const ROUNDING_SECS: f64 = 0.005;
 /// Difference from the lower bound that is rounding, as a share of it.
 const ROUNDING: f64 = 1e-4;
+/// Bytes of a view's stations with their ways from home, and of the checked moves between them and others.
+const BYTES_OF_VIEW: f64 = 20e3;
 
 /// One move. All points are joined by straight joint-space segments, table included, and were checked as such.
 #[derive(Clone, Debug, PartialEq)]
@@ -202,6 +204,11 @@ pub fn order_in_sight(
     let ordered_secs = tour.secs();
     tour.refine(&routes, options.in_sight, ctx)?;
     Ok(Ordered { sequence: sequence(&tour, &routes, [ordered_secs, 0.0]), no_path, tour, graph, nodes, edge_costs })
+}
+
+/// Bytes that ordering up to so many views of one setup holds at most, each with as many stations as a view may have.
+pub(super) fn expected_bytes(max_views: f64) -> f64 {
+    BYTES_OF_VIEW * max_views + tour::expected_bytes(max_views.ceil() as usize, MAX_STATIONS)
 }
 
 /// Adds the lower bound to a sequence, which takes about as long as finding the sequence.

@@ -77,6 +77,16 @@ impl Costs {
     }
 }
 
+/// Bytes that the search for a tour through up to so many groups of so many nodes each, and its bound, hold at most.
+pub(super) fn expected_bytes(max_groups: usize, nodes_of_group: usize) -> f64 {
+    let nodes = max_groups * nodes_of_group;
+    let costs = ((nodes + 1) * (nodes + 1) * size_of::<f64>()) as f64;
+    if max_groups > EXACT_GROUPS {
+        return costs + bound::expected_bytes(max_groups, nodes_of_group);
+    }
+    costs + ((nodes << max_groups) * (size_of::<f64>() + size_of::<u32>())) as f64
+}
+
 /// Length of the search for a tour, or for a bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Effort {

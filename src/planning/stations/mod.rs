@@ -18,7 +18,7 @@ const TABLE_STEPS: u32 = 72;
 /// without a station get one so, four fifths of them at 1° already.
 const FINE_STEPS: u32 = 20;
 /// Stations of a view that are kept at most: enough for the sequence to choose from.
-const MAX_STATIONS: usize = 12;
+pub(super) const MAX_STATIONS: usize = 12;
 /// Smallest difference in some axis between two stations of a view, radians (20°); of nearer ones the cheaper is kept.
 const MIN_SPREAD_RAD: f64 = std::f64::consts::PI / 9.0;
 /// Collision tests between two checks of the cancel flag.

@@ -1,7 +1,8 @@
 //! Mesh to patches and samples ([`crate::planning::method::sampling`]). A patch is a facet after refinement: facets are
 //! bisected across their longest edge until no edge exceeds `patch_edge_mm`. A sample is one of k area-stratified points of a
 //! patch, fixed by patch and seed and the same for every view; each stands for the k-th part of its patch. Patches that a small
-//! region of interest or feature touches have more of them (`small_regions.rs`).
+//! region of interest or feature touches have more of them (`small_regions.rs`), and so have those that hold what is
+//! asked where that is little (`little_asked.rs`).
 //!
 //! Part frame, millimetres. Cost: O(patches + samples); about 130 bytes a patch and 31 a sample.
 
@@ -14,6 +15,7 @@ use super::random::split_mix;
 use crate::cell::FieldError;
 use crate::geometry::Mesh;
 
+mod little_asked;
 mod region_finder;
 pub mod requirements;
 mod small_regions;

@@ -61,6 +61,11 @@ impl<'a> RegionFinder<'a> {
         }
     }
 
+    /// Returns true if it or its border holds all of a triangle on a face: each kind is convex, or made of whole faces.
+    pub(super) fn holds_all_of(&self, source_face: u32, corners: &[Point3<f64>; 3]) -> bool {
+        corners.iter().all(|corner| self.holds(source_face, corner))
+    }
+
     /// Returns false where it certainly holds no point of a triangle of a face.
     pub(super) fn may_hold_some_of(&self, source_face: u32, corners: &[Point3<f64>; 3]) -> bool {
         let slack_mm = SLACK_MM.max(2.0 * self.border_mm);
@@ -104,10 +109,11 @@ pub(super) fn excluded<'a>(mesh: &Mesh, regions: &'a RegionParams) -> Result<Vec
 }
 
 fn named_faces<'f>(mesh: &Mesh, faces: &'f [u32], at: &str) -> Result<impl Iterator<Item = u32> + 'f, Vec<FieldError>> {
-    let faces_in_file = mesh.source_face.last().map_or(0, |last| last + 1);
-    match faces.iter().find(|face| **face >= faces_in_file) {
+    // Degenerate faces are dropped when a file is read: how many it had after this one is not known.
+    let last_face = mesh.source_face.last().copied().unwrap_or_default();
+    match faces.iter().find(|face| **face > last_face) {
         Some(beyond) => {
-            let no_face = Refusal::NoSuchFace { face: *beyond, last_face: faces_in_file.saturating_sub(1) };
+            let no_face = Refusal::NoSuchFace { face: *beyond, last_face };
             Err(vec![FieldError { pointer: format!("{at}/faces"), detail: no_face.to_string() }])
         }
         None => Ok(faces.iter().copied()),

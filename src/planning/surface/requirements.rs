@@ -19,6 +19,7 @@ use std::collections::HashMap;
 
 use nalgebra::Point3;
 
+use super::little_asked::LittleAsked;
 use super::small_regions::{SAMPLES_OF_A_REGION, SmallRegions, denser};
 use super::subset::sample_some_and_all_of;
 use super::{RegionFinder, Surface, border_mm, sample_for, sample_some};
@@ -114,18 +115,18 @@ pub fn regions(params: &PlanParams) -> Vec<NamedRegion> {
 }
 
 /// The samples of a part, after [`super::resolve`], with what is asked of them. A region of interest or a feature has about a hundred at
-/// least, however small it is ([`crate::planning::method::sampling`]).
+/// least, however small it is, and so has all that is asked ([`crate::planning::method::sampling`]).
 ///
 /// # Errors
-/// The errors of [`sample_for`] and [`Requirements::new`].
+/// The errors of [`sample_for`] and [`Requirements::new`]; regions that leave too little for samples.
 pub fn sampled(mesh: &Mesh, params: &PlanParams, seed: u64, ctx: &Context<'_>) -> Result<Surface, PlanError> {
     sampled_densely(mesh, params, (SAMPLES_OF_A_REGION, seed), ctx)
 }
 
-/// [`sampled`], with about `of_region` samples at least of each region of interest and feature.
+/// [`sampled`], with about `of_region` samples at least of each region of interest and feature, and of what is asked where that is little.
 ///
 /// # Errors
-/// The errors of [`sample_for`] and [`Requirements::new`].
+/// The errors of [`sampled`].
 pub(in crate::planning) fn sampled_densely(
     mesh: &Mesh,
     params: &PlanParams,
@@ -133,13 +134,17 @@ pub(in crate::planning) fn sampled_densely(
     ctx: &Context<'_>,
 ) -> Result<Surface, PlanError> {
     let mut surface = sample_for(mesh, &params.part, &params.regions, seed, ctx)?;
+    if let Some(little) = LittleAsked::of(mesh, &surface, &params.regions)? {
+        let nothing = || PlanError::param("/regions/exclude", &Refusal::NothingAsked);
+        surface = little.denser(&surface, (of_region, seed), ctx)?.ok_or_else(nothing)?;
+    }
     surface.requirements = Requirements::new(mesh, &surface, params)?;
     denser(mesh, surface, params, (of_region, seed), ctx)
 }
 
 /// Samples, about `max`, that stand for those of a mesh with more triangles ([`sample_some`]), with what is asked of them; about
-/// `of_region` at least of each region of interest and feature, whose triangles stand for themselves where that is small, unless those
-/// of all such regions are more than `max`.
+/// `of_region` at least of each region of interest and feature, and of what is asked, whose triangles stand for themselves where that is
+/// small, unless all such are more than `max`.
 ///
 /// # Errors
 /// The errors of [`sample_some`] and [`Requirements::new`].
@@ -150,6 +155,9 @@ pub(in crate::planning) fn sampled_sparsely(
     ctx: &Context<'_>,
 ) -> Result<Surface, PlanError> {
     let mut surface = sample_some(mesh, &params.regions, (max, seed), ctx)?;
+    if let Some(little) = LittleAsked::of(mesh, &surface, &params.regions)? {
+        return sampled_where_asked(mesh, params, (&little, surface), (max, of_region, seed), ctx);
+    }
     surface.requirements = Requirements::new(mesh, &surface, params)?;
     let Some(small) = SmallRegions::of(mesh, &surface, params, of_region)? else { return Ok(surface) };
     let own = small.faces();
@@ -163,6 +171,22 @@ pub(in crate::planning) fn sampled_sparsely(
         Ok(requirements) => Surface { requirements, ..with_own },
         Err(_) => surface,
     };
+    denser(mesh, surface, params, (of_region, seed), ctx)
+}
+
+/// [`sampled_sparsely`] where little is asked: triangles of which some may be stand for themselves, unless they are more than `max`, and
+/// regions have what samples these leave them.
+fn sampled_where_asked(
+    mesh: &Mesh,
+    params: &PlanParams,
+    (little, some): (&LittleAsked<'_>, Surface),
+    (max, of_region, seed): (usize, usize, u64),
+    ctx: &Context<'_>,
+) -> Result<Surface, PlanError> {
+    let own = little.faces();
+    let surface = if own.len() > max { some } else { sample_some_and_all_of(mesh, &params.regions, (&own, max, seed), ctx)? };
+    let mut surface = little.denser(&surface, (of_region, seed), ctx)?.unwrap_or(surface);
+    surface.requirements = Requirements::new(mesh, &surface, params)?;
     denser(mesh, surface, params, (of_region, seed), ctx)
 }
 

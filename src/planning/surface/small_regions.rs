@@ -32,12 +32,12 @@ pub(in crate::planning) const SAMPLES_OF_A_REGION: usize = 100;
 
 /// Deciding points that a region is to hold for each of its samples: samples that hold as many by chance as 100 are 25 fewer at 2.5
 /// standard deviations. Our choice.
-const MARGIN: f64 = 1.25;
+pub(super) const MARGIN: f64 = 1.25;
 /// Samples that the patches which a region touches have together, for each that it is to hold: one that is a smaller part of them has fewer
 /// samples. Our choice.
 const MAX_FOR_EACH: usize = 50;
 /// Samples that the patches of all such regions have together at most, or as many as the surface has without them.
-const MAX_OF_ALL: usize = 100_000;
+pub(super) const MAX_OF_ALL: usize = 100_000;
 /// Smallest and largest step by which the density is raised at a time.
 const STEP: [f64; 2] = [1.1, 8.0];
 /// Relative rounding of a number of samples: sums of areas that are equal.
@@ -47,7 +47,7 @@ const DECIDING: u64 = 0x6465_6369_6469_6e67;
 
 /// Sums over samples, by which they count as so many of equal area.
 #[derive(Clone, Copy, Debug, Default)]
-struct Effective {
+pub(super) struct Effective {
     /// Sum of their areas, mm².
     area_mm2: f64,
     /// Sum of the squares of their areas, mm⁴.
@@ -56,13 +56,13 @@ struct Effective {
 
 impl Effective {
     /// Adds a number of samples of the same area.
-    fn add(&mut self, samples: usize, area_mm2: f64) {
+    pub(super) fn add(&mut self, samples: usize, area_mm2: f64) {
         self.area_mm2 += samples as f64 * area_mm2;
         self.squares_mm4 += samples as f64 * area_mm2 * area_mm2;
     }
 
     /// Number of samples of equal area that tell as much: (Σ a)² / Σ a² (Kish 1965, 11.7); 0 where there is no area.
-    fn number(self) -> f64 {
+    pub(super) fn number(self) -> f64 {
         if self.squares_mm4 > 0.0 { self.area_mm2 * self.area_mm2 / self.squares_mm4 } else { 0.0 }
     }
 }
@@ -193,13 +193,13 @@ pub(super) fn denser(
 }
 
 /// Number of samples of a patch at a density.
-fn samples_at(patch: &Patch, per_mm2: f64) -> u32 {
+pub(super) fn samples_at(patch: &Patch, per_mm2: f64) -> u32 {
     (patch.area_mm2 * per_mm2).round().max(1.0) as u32
 }
 
 /// Density at which a region holds so many of the points in patches of an area; less where these would be more than `most`. `None` where
 /// it holds none even so. `held` tells how many it holds at a density.
-fn density(area_mm2: f64, wanted: f64, most: f64, held: impl Fn(f64) -> f64) -> Option<f64> {
+pub(super) fn density(area_mm2: f64, wanted: f64, most: f64, held: impl Fn(f64) -> f64) -> Option<f64> {
     let densest = most / area_mm2;
     let mut per_mm2 = wanted / area_mm2;
     loop {

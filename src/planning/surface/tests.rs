@@ -2,7 +2,8 @@ use crate::planning::params::Region;
 use nalgebra::{Point3, Vector3};
 
 use super::*;
-use crate::geometry::FaceGroup;
+use crate::geometry::mesh_io::{self, Limits};
+use crate::geometry::{FaceGroup, LengthUnit};
 use crate::testing::box_mesh;
 
 /// A 60 × 40 mm plate of two triangles, +z up.
@@ -112,11 +113,30 @@ fn unknown_faces_groups_and_absurd_densities_are_refused_by_name() {
         }
     };
     let faces = refused(params(5.0, 1.0), Some(Region::Faces { faces: vec![2] }));
-    assert_eq!(faces, "/regions/exclude/0/faces: names face 2; the file's faces are 0 to 1");
+    let told = "names face 2; the file's last face with an area is 1, counted from 0: leave out what lies beyond";
+    assert_eq!(faces, format!("/regions/exclude/0/faces: {told}"));
     let name = refused(params(5.0, 1.0), Some(Region::Name { name: "bore".into() }));
     assert_eq!(name, "/regions/exclude/0/name: is \"bore\"; the file's groups are rim");
     assert!(refused(params(0.001, 1.0), None).starts_with("/part/patch_edge_mm: is 0.001"));
     assert!(refused(params(5.0, 1e6), None).starts_with("/part/samples_per_mm2: is 1000000"));
+}
+
+/// Face 2 of a file of three faces, the last of which is degenerate, was told to be none of the file's.
+#[test]
+fn degenerate_faces_may_be_named_and_beyond_the_last_with_an_area_the_refusal_tells_that_one() {
+    let read = |faces: &str| {
+        let file = format!("v 0 0 0\nv 60 0 0\nv 60 40 0\nv 0 40 0\n{faces}");
+        mesh_io::read(file.as_bytes(), Some(LengthUnit::Millimetre), &Limits::default()).expect("a mesh").mesh
+    };
+    let excluding = |mesh: &Mesh, faces: &[u32]| {
+        let exclude = vec![Region::Faces { faces: faces.to_vec() }];
+        let asked = sample(mesh, &params(5.0, 1.0), &RegionParams { exclude, ..RegionParams::default() }, 0);
+        asked.map(|surface| surface.asked_area_mm2().iter().sum::<f64>()).map_err(|errors| errors[0].to_string())
+    };
+    let asked_mm2 = excluding(&read("f 1 2 3\nf 1 1 2\nf 1 3 4\n"), &[0, 1]).expect("face 1 is degenerate");
+    assert!((asked_mm2 - 1200.0).abs() < 1e-6, "{asked_mm2} mm²");
+    let refused = excluding(&read("f 1 2 3\nf 1 3 4\nf 1 1 2\n"), &[0, 2]).expect_err("face 2 is degenerate");
+    assert!(refused.contains("names face 2; the file's last face with an area is 1, counted from 0"), "{refused}");
 }
 
 #[test]

@@ -22,8 +22,15 @@ pub struct Obstruction {
 /// Change that would keep two bodies apart.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Advice {
-    /// Give the cell another home: two bodies meet at the home itself, so that no path leads from there.
+    /// Give the cell a home farther from the part: part or fixture meets another body at the home itself, from which no path leads.
     MoveHome,
+    /// Give the cell another home: two bodies, neither of them part or fixture, meet at the home itself.
+    FreeHome {
+        /// The two bodies at home.
+        bodies: Contact,
+        /// Clearance that the plan asks for, mm.
+        clearance_mm: f64,
+    },
     /// Ask for a smaller clearance: at most this, mm.
     ReduceClearance(f64),
     /// Move the obstacle of this name, or the table away from it.

@@ -17,6 +17,7 @@ use std::collections::BTreeSet;
 use super::{Expected, Finding, Program, Step, Together, check, interlock};
 pub use crate::cell::Dialect;
 use crate::cell::{Axes, Cell, CollisionScene, dialect_table};
+use crate::geometry::listed;
 use crate::planning::params::DialectParams;
 
 /// A file of a dialect, as interfaces name it.
@@ -122,6 +123,23 @@ impl Dialect {
         });
         let work: Vec<String> = self.before_first_run().map(str::to_owned).into_iter().chain(switching).collect();
         (!work.is_empty()).then(|| work.join("; and "))
+    }
+
+    /// Names that the files of a plan have to take on the controller, in a clause; `stems` are setups with the names of their files
+    /// in the plan, without extension. `None` of a language that takes any name, and where there is no file.
+    #[must_use]
+    pub fn renaming_of(self, params: &DialectParams, stems: &[(usize, String)]) -> Option<String> {
+        let (mut in_plan, mut on_controller) = (Vec::new(), Vec::new());
+        for (setup, stem) in stems {
+            let wanted = self.file_stem(params, *setup)?;
+            for DialectOutput { extension, .. } in self.outputs() {
+                in_plan.push(format!("{stem}.{extension}"));
+                on_controller.push(format!("{wanted}.{extension}"));
+            }
+        }
+        let (found, wanted) = (listed(&in_plan), listed(&on_controller));
+        let copied = format!("copy {found} to the controller as {wanted} (vantage program writes them under these names)");
+        (!in_plan.is_empty()).then_some(copied)
     }
 
     /// Brightness levels of programs, as `5 and 9`; `None` if there is one only, or if the dialect tells the level of each scan.
@@ -397,15 +415,6 @@ fn percent(speed_fraction: f64, dialect: Dialect) -> Result<u32, DialectError> {
     match whole_percent(speed_fraction) {
         0 => Err(DialectError::TooSlow(speed_fraction, dialect.as_str())),
         percent => Ok(percent),
-    }
-}
-
-/// Joins words as `a, b and c`.
-fn listed(words: &[String]) -> String {
-    match words {
-        [] => String::new(),
-        [word] => word.clone(),
-        [others @ .., last] => format!("{} and {last}", others.join(", ")),
     }
 }
 

@@ -1,11 +1,12 @@
 //! Bytes that a plan and its result files hold at once at most. What each term is stands in `src/ARCHITECTURE.md`, "What a
 //! plan holds in memory".
 
-use super::{Counts, Shares, exchanges, keeps_quality};
+use super::{Counts, Shares, exchanges, goals_of_regions, keeps_quality};
 use crate::geometry::Mesh;
 use crate::planning::params::{PlanParams, Solver};
 use crate::planning::plan::MAX_LISTING_BYTES;
 use crate::planning::scene::PlanInput;
+use crate::planning::sequence;
 
 /// Bytes that the process holds beside the plan.
 const PROGRAM: f64 = 32e6;
@@ -75,6 +76,8 @@ pub(super) fn held(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams, 
     // Of the surfaces that are chosen on, one is with the part and one with the problem.
     let thin = 2.0 * (PATCH + SAMPLE) * chosen_on;
     let of_threads = threads * samples * (SAMPLE_OF_THREAD + MAP_OF_SAMPLE * measured);
+    // All views may be of one setup.
+    let tour = input.cell.map_or(0.0, |_| sequence::expected_bytes(views));
     Shares {
         // One more setup is tried for advice.
         triangles: PROGRAM + triangles(input, counts.setups + f64::from(u8::from(tries_setup(input, params)))),
@@ -85,16 +88,9 @@ pub(super) fn held(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams, 
             + of_floor * chosen_on
             + of_threads,
         candidates: candidates * (CANDIDATE + rows * row + row_of_all + twins) + nodes + listing(counts, params),
-        views: views * (row + 2.0 * measured * samples + exchange) + views.min(MAX_PICTURES) * PICTURE,
+        views: views * (row + 2.0 * measured * samples + exchange) + views.min(MAX_PICTURES) * PICTURE + tour,
         regions: SAMPLE_OF_GOAL * chosen_on * goals_of_regions(params),
     }
-}
-
-/// Number of regions of interest and features whose target views are chosen for.
-fn goals_of_regions(params: &PlanParams) -> f64 {
-    let (interest, features) = (&params.regions.interest, &params.regions.features);
-    let targets = interest.iter().map(|region| region.target).chain(features.iter().map(|feature| feature.target));
-    targets.flatten().count() as f64
 }
 
 /// Returns true if one more setup may be tried: what the part stands on is missed then.

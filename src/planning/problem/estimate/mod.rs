@@ -179,6 +179,13 @@ fn keeps_quality(params: &PlanParams) -> bool {
     params.selection.objective == Objective::Score && params.score.b > 0.0
 }
 
+/// Number of regions of interest and features whose target views are chosen for.
+fn goals_of_regions(params: &PlanParams) -> f64 {
+    let (interest, features) = (&params.regions.interest, &params.regions.features);
+    let targets = interest.iter().map(|region| region.target).chain(features.iter().map(|feature| feature.target));
+    targets.flatten().count() as f64
+}
+
 /// Returns true if views are exchanged for others, one by one.
 fn exchanges(params: &PlanParams) -> bool {
     matches!(params.selection.solver, Solver::Local | Solver::Certified) || params.selection.goal == SelectionGoal::MinTime

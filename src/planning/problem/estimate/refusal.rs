@@ -30,6 +30,8 @@ struct TooLong {
 struct TooMuch<'a> {
     takes: Takes,
     counts: &'a Counts,
+    /// Largest of what the sum is of.
+    largest: f64,
     change: Change,
 }
 
@@ -75,22 +77,23 @@ fn check_size(counts: &Counts) -> Result<(), PlanError> {
 }
 
 fn refuse(counts: &Counts, shares: &Shares, takes: Takes) -> PlanError {
-    let change = most_effective(counts, shares);
-    PlanError::param(change.pointer(), &TooMuch { takes, counts, change })
+    let (largest, change) = most_effective(counts, shares);
+    PlanError::param(change.pointer(), &TooMuch { takes, counts, largest, change })
 }
 
-/// The parameter to change where most grows with the largest of `shares`.
+/// The largest of `shares`, and the parameter to change where most grows with it.
 #[expect(clippy::float_cmp, reason = "the largest is one of those that it is compared with")]
-fn most_effective(counts: &Counts, shares: &Shares) -> Change {
+fn most_effective(counts: &Counts, shares: &Shares) -> (f64, Change) {
     let most = shares.triangles.max(shares.samples).max(shares.candidates).max(shares.views).max(shares.regions);
-    match () {
+    let change = match () {
         () if most == shares.regions => Change::Regions,
         () if most == shares.candidates => Change::Candidates,
         () if most == shares.views => Change::MaxViews,
         () if most == shares.samples && counts.samples > 2.0 * counts.patches => Change::SampleDensity,
         () if most == shares.samples && counts.patches > 2.0 * counts.triangles => Change::PatchEdge,
         () => Change::Triangles,
-    }
+    };
+    (most, change)
 }
 
 impl Change {
@@ -98,10 +101,27 @@ impl Change {
         match self {
             Self::Regions => "/regions",
             Self::Candidates => "/candidates",
-            Self::MaxViews | Self::Triangles => "/part",
+            Self::MaxViews => "/selection/max_views",
+            Self::Triangles => "/part",
             Self::SampleDensity => "/part/samples_per_mm2",
             Self::PatchEdge => "/part/patch_edge_mm",
         }
+    }
+}
+
+/// Largest share of what a plan takes.
+struct LargestShare(Change);
+
+impl fmt::Display for LargestShare {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self.0 {
+            Change::Regions => "regions of interest and features that have a target",
+            Change::Candidates => "candidates",
+            Change::MaxViews => "views and the tour through them",
+            Change::SampleDensity => "samples",
+            Change::PatchEdge => "patches",
+            Change::Triangles => "triangles, and patches and samples, of which each triangle has at least one",
+        })
     }
 }
 
@@ -112,7 +132,7 @@ impl fmt::Display for Change {
                 "give fewer regions of interest and features a target, plan them in several jobs, or take fewer selection.samples"
             }
             Self::Candidates => "take larger steps, fewer even_directions, rolls_deg or standoffs_mm, or fewer samples",
-            Self::MaxViews => "is this the right unit? Else plan pieces of the part, or set selection.max_views",
+            Self::MaxViews => "set selection.max_views to fewer, or plan pieces of the part; is its unit the right one?",
             Self::SampleDensity => "take fewer samples",
             Self::PatchEdge => "take a longer edge",
             Self::Triangles => "simplify the mesh",
@@ -134,16 +154,21 @@ impl fmt::Display for TooMuch<'_> {
              {views:.0} views; allowed are "
         )?;
         // Settings of the server and options of the command allow more.
-        match self.takes {
+        let largest = match self.takes {
             Takes::Memory { allowed_bytes, .. } => {
                 write!(f, "{} (limits.job_memory_bytes, --max-memory)", gib(allowed_bytes))?;
+                gib(self.largest)
             }
-            Takes::Time { allowed_core_secs, .. } => write!(
-                f,
-                "{allowed_core_secs:.0} s of one core, which is the time limit times the threads (limits.job_secs, --max-secs)"
-            )?,
-        }
-        write!(f, ": {}", self.change)
+            Takes::Time { allowed_core_secs, .. } => {
+                write!(
+                    f,
+                    "{allowed_core_secs:.0} s of one core, which is the time limit times the threads (limits.job_secs, \
+                     --max-secs)"
+                )?;
+                format!("{:.0} s", self.largest / ROUGHLY)
+            }
+        };
+        write!(f, "; the largest share, {largest}, is for {}: {}", LargestShare(self.change), self.change)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Seconds of one core that a plan and its result files take, roughly: what was measured on usual parts, by what it grows with.
 
-use super::{Counts, Shares, exchanges};
+use super::{Counts, Shares, exchanges, goals_of_regions};
 use crate::planning::params::{Engine, PlanParams};
 use crate::planning::scene::PlanInput;
 
@@ -22,6 +22,8 @@ const OPEN: f64 = 0.1;
 const WAY: f64 = 2e-3;
 /// A million pairs that exchanges look at.
 const MILLION_PAIRS: f64 = 1e-3;
+/// A sample that views are chosen on in the goal of a region of interest or a feature, over all times that views are chosen.
+const SAMPLE_OF_GOAL: f64 = 300e-9;
 
 pub(super) fn taken(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams) -> Shares {
     let Counts { triangles, patches, samples, chosen_on, candidates, views, measured, setups, .. } = *counts;
@@ -41,6 +43,6 @@ pub(super) fn taken(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams)
         samples: SAMPLE * (patches + samples),
         candidates: candidates * (SLIDE + stations + castings * pair * chosen_on + OPEN * pair * samples) + exchanged,
         views: views * pair * samples * f64::from(1 + draws) + views.min(MAX_PICTURES) * PICTURE + ways,
-        regions: 0.0,
+        regions: SAMPLE_OF_GOAL * chosen_on * goals_of_regions(params),
     }
 }

@@ -98,7 +98,7 @@ pub(super) fn lower_bound_secs(
     let entered_secs = entered_secs(groups, costs).min(tour_secs);
     let chunks = chunks(groups);
     let max_work = MAX_WORK.min(WORK_PER_GROUP * groups.len()) / if effort == Effort::Brief { BRIEF } else { 1 };
-    if chunks > lanes::MAX_CHUNKS || groups.len().pow(3).saturating_mul(4 * LANES * chunks) > max_work {
+    if is_too_long(groups.len(), chunks, max_work) {
         return Ok(entered_secs);
     }
     let mut below_tour = Relaxation::new(groups, costs, chunks, ctx.simd_level());
@@ -127,6 +127,23 @@ pub(super) fn lower_bound_secs(
             ascent.grow_ng_sets(groups, costs, &route.groups);
         }
     }
+}
+
+/// Bytes that the bound of a tour through up to so many groups of so many nodes each holds at most.
+pub(super) fn expected_bytes(max_groups: usize, nodes_of_group: usize) -> f64 {
+    let chunks = nodes_of_group.div_ceil(LANES).next_power_of_two();
+    let longest = (0..=max_groups).rev().find(|groups| !is_too_long(*groups, chunks, MAX_WORK));
+    let Some(groups) = longest else { return 0.0 };
+    // Times to the nodes of a group, with the number of the node before or the memory of the groups before.
+    let row = LANES * size_of::<f32>() + size_of::<u16>();
+    // Arcs stand twice: those below the tour and those below the target.
+    let (arcs, labels) = (2 * groups * groups * nodes_of_group, MAX_LABELS);
+    ((arcs + labels) * chunks * row) as f64
+}
+
+/// Returns true for a tour of which no more than the simple bound is computed.
+fn is_too_long(groups: usize, chunks: usize, max_work: usize) -> bool {
+    chunks > lanes::MAX_CHUNKS || groups.pow(3).saturating_mul(4 * LANES * chunks) > max_work
 }
 
 /// Nodes of the largest group in [`LANES`].

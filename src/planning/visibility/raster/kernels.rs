@@ -27,7 +27,8 @@ pub(super) struct EvaluateOptics<'a> {
     pub(super) centre_mm: &'a Point3<f64>,
     /// Limits of each kind of requirement.
     pub(super) incidence_min: &'a [IncidenceMin],
-    pub(super) scale: QualityScale,
+    /// Scale of the quality, where it is asked for.
+    pub(super) scale: Option<QualityScale>,
     pub(super) states: &'a mut [u8; SAMPLES],
     pub(super) steps: &'a mut [i16; SAMPLES],
 }
@@ -56,15 +57,13 @@ impl Kernel for EvaluateOptics<'_> {
             causes[i] = self.view.first_failing_step(p, normal, min_cos);
         }
         *self.states = simd_from_fn(|i| causes[i] as u8);
-        if !self.states.contains(&PASSES) {
-            return;
-        }
+        let Some(scale) = self.scale.filter(|_| self.states.contains(&PASSES)) else { return };
         let mut qualities = [0.0; SAMPLES];
         for i in 0..SAMPLES {
             let p = [centre[0] + f64::from(x[i]), centre[1] + f64::from(y[i]), centre[2] + f64::from(z[i])];
             qualities[i] = self.view.quality_of(p, [f64::from(nx[i]), f64::from(ny[i]), f64::from(nz[i])]);
         }
-        *self.steps = simd_from_fn(|i| self.scale.quantise(qualities[i] as f32));
+        *self.steps = simd_from_fn(|i| scale.quantise(qualities[i] as f32));
     }
 }
 

@@ -191,7 +191,8 @@ impl<'a> RasterEngine<'a> {
         let view = self.optics.at(pose);
         let pinhole = |(lens, device_from_part)| Pinhole::new(lens, device_from_part, &self.occluders.clusters.centre_mm);
         let pinholes = self.optics.lenses().zip(view.device_from_part.as_ref()).map(pinhole);
-        self.evaluate_optics(&view, &pinholes, open, scratch, grain)?;
+        self.evaluate_optics(&view, open, scratch, grain)?;
+        self.mark_tiles(&pinholes, scratch, grain)?;
         for device in DeviceName::ALL {
             self.test_occlusion(device, &view, &pinholes[device], scratch, grain)?;
         }
@@ -199,19 +200,10 @@ impl<'a> RasterEngine<'a> {
     }
 
     /// The steps before any shadow.
-    fn evaluate_optics(
-        &self,
-        view: &View<'_>,
-        pinholes: &PerDevice<Pinhole>,
-        open: &Open,
-        scratch: &mut Scratch,
-        grain: usize,
-    ) -> Result<(), Cancelled> {
-        scratch.touched.iter().flatten().for_each(|tile| tile.store(false, Ordering::Relaxed));
-        let touched = &scratch.touched;
+    fn evaluate_optics(&self, view: &View<'_>, open: &Open, scratch: &mut Scratch, grain: usize) -> Result<(), Cancelled> {
         let clusters = self.samples.clusters.par_chunks(TASK).zip(open.par_chunks(TASK));
         let tasks = clusters.zip(scratch.states.par_chunks_mut(TASK)).zip(scratch.steps.par_chunks_mut(TASK));
-        let scale = self.quality_scale.unwrap_or_default();
+        let scale = self.quality_scale;
         tasks.with_min_len(grain).try_for_each(|(((clusters, open), states), steps)| {
             self.ctx.check()?;
             for (((cluster, open), states), steps) in clusters.iter().zip(open).zip(states).zip(steps) {
@@ -225,16 +217,34 @@ impl<'a> RasterEngine<'a> {
                     let closed = (0..SAMPLES).filter(|place| open >> place & 1 == 0);
                     closed.for_each(|place| states[place] = Cause::Facing as u8);
                 }
-                if states.contains(&PASSES) {
-                    for device in DeviceName::ALL {
-                        let (pinhole, offset_mm) = (&pinholes[device], self.scene_from_part_centre());
-                        let bounds = self.level.run(ScreenBounds { cluster, states, pinhole, offset_mm });
-                        mark(&touched[device], &self.grids[device], bounds);
-                    }
+            }
+            Ok(())
+        })
+    }
+
+    /// Marks the tiles that the remaining samples fall on, where these are not so few that rays cost less in any case.
+    fn mark_tiles(&self, pinholes: &PerDevice<Pinhole>, scratch: &mut Scratch, grain: usize) -> Result<(), Cancelled> {
+        if self.rays_cost_less(passing(&scratch.states), 1) {
+            return Ok(());
+        }
+        scratch.touched.iter().flatten().for_each(|tile| tile.store(false, Ordering::Relaxed));
+        let (touched, offset_mm) = (&scratch.touched, self.scene_from_part_centre());
+        let tasks = self.samples.clusters.par_chunks(TASK).zip(scratch.states.par_chunks(TASK));
+        tasks.with_min_len(grain).try_for_each(|(clusters, states)| {
+            self.ctx.check()?;
+            for (cluster, states) in clusters.iter().zip(states).filter(|(_, states)| states.contains(&PASSES)) {
+                for device in DeviceName::ALL {
+                    let bounds = self.level.run(ScreenBounds { cluster, states, pinhole: &pinholes[device], offset_mm });
+                    mark(&touched[device], &self.grids[device], bounds);
                 }
             }
             Ok(())
         })
+    }
+
+    /// Returns true if rays for so many samples cost less than a map of so many tiles.
+    fn rays_cost_less(&self, samples: usize, tiles: usize) -> bool {
+        samples < RAYS_OF_A_TILE * tiles + self.occluders.clusters.triangles / TRIANGLES_OF_A_RAY
     }
 
     /// Offset from the part's centre to the scene's.
@@ -252,9 +262,9 @@ impl<'a> RasterEngine<'a> {
         grain: usize,
     ) -> Result<(), Cancelled> {
         let touched = &scratch.touched[device];
-        let passing = scratch.states.iter().flatten().filter(|state| **state == PASSES).count();
-        let tiles = touched.iter().filter(|tile| tile.load(Ordering::Relaxed)).count();
-        if passing < RAYS_OF_A_TILE * tiles + self.occluders.clusters.triangles / TRIANGLES_OF_A_RAY {
+        let passing = passing(&scratch.states);
+        let tiles = || touched.iter().filter(|tile| tile.load(Ordering::Relaxed)).count();
+        if self.rays_cost_less(passing, 1) || self.rays_cost_less(passing, tiles()) {
             return self.cast_rays(device, view, scratch, grain);
         }
         let pass = RenderPass { scene: &self.occluders.clusters, pinhole, grid: self.grids[device], level: self.level, grain };
@@ -277,7 +287,7 @@ impl<'a> RasterEngine<'a> {
     /// Tests occlusion by rays alone, where the map would cost more than a ray for every sample.
     fn cast_rays(&self, device: DeviceName, view: &View<'_>, scratch: &mut Scratch, grain: usize) -> Result<(), Cancelled> {
         self.decide(device, view, &mut scratch.states, grain, |_, states| {
-            (0..SAMPLES).filter(|place| states[*place] == PASSES).fold(0, |doubts, place| doubts | 1 << place)
+            (0..SAMPLES).fold(0, |doubts, place| doubts | u64::from(states[place] == PASSES) << place)
         })
     }
 
@@ -355,4 +365,9 @@ impl<'a> RasterEngine<'a> {
         }
         furthest
     }
+}
+
+/// Number of samples that pass every step so far.
+fn passing(states: &[[u8; SAMPLES]]) -> usize {
+    states.as_flattened().iter().filter(|state| **state == PASSES).count()
 }
