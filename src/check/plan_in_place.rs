@@ -52,6 +52,7 @@ pub(super) fn check(
     sound.warnings = warnings::of_params(&document.params, "/params");
     // The size of the part is in the plan, the unit of its file is not: what was said of it stands.
     sound.warnings.extend(document.warnings.iter().filter(|warning| warning.pointer == "/part/bbox_mm").cloned());
+    sound.warnings.extend(place.and_then(CheckPlace::cell).map_or_else(Vec::new, |cell| warnings::of_sight(cell, "/cell")));
     Ok(sound.described(format!("plan with {}{extent}", counted(document.viewpoints.len(), "viewpoint"))))
 }
 

@@ -12,6 +12,7 @@ use crate::planning::context::Context;
 use crate::program::{self, Finding, Program};
 use crate::wire::UnverifiedStatement;
 use crate::wire::program::ProgramDocument;
+use crate::wire::warnings;
 use crate::wire::words::counted;
 
 /// Checks the document of a program.
@@ -73,6 +74,7 @@ fn check_in(
         return Err(errors);
     }
     let with_part = reference.with_part(false);
+    sound.warnings.extend(warnings::of_sight(cell, "/cell"));
     sound.verify("home, robot, turntable and calibration: by the given cell");
     sound.verify("steps: limits of the axes, speed, durations and cycle_secs");
     let (clearance_mm, of_what) = match &reference.plan {

@@ -1,7 +1,7 @@
 //! Page of a calibration: its result in figures, residuals over the table's angle, error ellipses of what was used, dropped and held
 //! out, and the table of observations.
 
-use crate::report::html::markup::{escape, number};
+use crate::report::html::markup::{escape, number, row};
 use crate::report::html::page::document;
 use crate::report::study::svg::Svg;
 use crate::wire::calibration::{CalibrationDocument, ResidualDocument};
@@ -50,10 +50,6 @@ fn header(calibration: &CalibrationDocument) -> String {
         escape(&calibration.cell),
         facts.concat()
     )
-}
-
-fn row(cells: &[String]) -> String {
-    format!("<tr>{}</tr>\n", cells.iter().map(|cell| format!("<td>{cell}</td>")).collect::<String>())
 }
 
 fn result(calibration: &CalibrationDocument) -> String {

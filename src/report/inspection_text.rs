@@ -5,10 +5,10 @@ use std::fmt::Write;
 use crate::inspection::losses::LossCause;
 use crate::inspection::registration::PartNotFound;
 use crate::wire::inspection::{
-    AlignmentDocument, InspectionDocument, RegionDeviationDocument, excluded_sentence, loss_phrase, open_poses_sentence,
-    remedy_words,
+    AlignmentDocument, InspectionDocument, RegionDeviationDocument, SIGN_SENTENCE, excluded_sentence, loss_phrase,
+    measured_region_sentence, remedy_words, undecided_sentences,
 };
-use crate::wire::words::{counted, percent_below};
+use crate::wire::words::{counted, fixed, limits_mm, percent_below};
 
 /// Renders the text.
 #[must_use]
@@ -30,8 +30,12 @@ pub fn inspection_text(document: &InspectionDocument, part_name: &str) -> String
         let remedy = loss.largest.first().map_or("none", |spot| remedy_words(spot.remedy));
         line(loss_words(loss.of_asked, loss.cause, &counted(loss.spots, "spot"), remedy));
     }
-    line(format!("\nDeviation: {}", excluded_sentence(&document.deviation)));
-    document.deviation.regions.iter().for_each(|region| line(region_words(region)));
+    line(format!("\nDeviation: {SIGN_SENTENCE} {}", excluded_sentence(&document.deviation)));
+    if !document.deviation.regions.is_empty() {
+        line(format!("\n{}", measured_region_sentence(&document.params.compare)));
+    }
+    let is_found = alignment.why_not_found().is_none();
+    document.deviation.regions.iter().for_each(|region| line(region_words(region, is_found)));
     if !document.offers.is_empty() {
         line("\nBefore the next plan:".to_owned());
     }
@@ -64,20 +68,40 @@ fn loss_words(of_asked: f64, cause: LossCause, spots: &str, remedy: &str) -> Str
     format!("  {:>6} %  {:<27} {spots}; remedy: {remedy}", percent_below(of_asked, 1.0, 2), loss_phrase(cause))
 }
 
-/// Verdict of a region, and what it leaves out.
-fn region_words(region: &RegionDeviationDocument) -> String {
-    let verdict = region.verdict.map_or("no tolerance", |verdict| verdict.as_str());
+/// Verdict of a region, the figures that it is from, and what it leaves out. A region of a part that was not found has no verdict.
+fn region_words(region: &RegionDeviationDocument, is_found: bool) -> String {
+    let verdict = region.verdict.map_or("no tolerance", |verdict| if is_found { verdict.as_str() } else { "not judged" });
     let (name, excluded) = (&region.name, region.excluded);
     let [measured, points, steep, off] =
         [region.measured, excluded.turned_of_points, excluded.turned_of_area, excluded.off_of_area]
             .map(|share| percent_below(share, 1.0, 2));
-    let uncertainty = region.expanded_uncertainty_mm.map_or_else(String::new, |mm| format!(", U {mm:.3} mm (k = 2)"));
-    let open = open_poses_sentence(region).map_or_else(String::new, |sentence| format!(". {sentence}"));
+    let figures = figures_words(region);
+    let undecided = undecided_sentences(region).filter(|_| is_found);
+    let undecided = undecided.map_or_else(String::new, |sentences| format!(". {sentences}"));
     // Quoted, so that no name breaks a line.
     format!(
-        "\nRegion {name:?}: {verdict}, {measured} % measured{uncertainty}; left out: {points} % of the points as steep, \
-         of the area {steep} % steep and {off} % off the surface{open}"
+        "\nRegion {name:?}: {verdict}{figures}; {measured} % measured; left out: {points} % of the points as steep, of the area \
+         {steep} % steep and {off} % off the surface{undecided}"
     )
+}
+
+/// Figures of a region: the limits of its tolerance, its mean and largest deviation, and its uncertainty, as far as they are known.
+fn figures_words(region: &RegionDeviationDocument) -> String {
+    let mm = |name: &str, value: Option<f64>| value.map(|value| format!("{name} {}", fixed(value, 3)));
+    let statistics = region.statistics.as_ref();
+    let figures: Vec<String> = [
+        region.tolerance_mm.map(|width_mm| format!("tolerance {}", limits_mm(width_mm))),
+        mm("mean", statistics.map(|figures| figures.mean_mm)),
+        mm("largest", statistics.map(|figures| figures.max_mm)),
+        mm("U", region.expanded_uncertainty_mm),
+    ]
+    .into_iter()
+    .flatten()
+    .collect();
+    let within = statistics.and_then(|figures| figures.in_tolerance);
+    let within = within.map_or_else(String::new, |share| format!(", {} % in tolerance", percent_below(share, 1.0, 2)));
+    let unit = if region.expanded_uncertainty_mm.is_some() { "mm (k = 2)" } else { "mm" };
+    if figures.is_empty() { within } else { format!(", {} {unit}{within}", figures.join(", ")) }
 }
 
 #[cfg(test)]
@@ -129,14 +153,42 @@ mod tests {
             expanded_uncertainty_mm: Some(0.25),
             pose_uncertainty_mm: Some(0.24),
             is_open_by_poses: false,
+            open: None,
+            undecided_because: None,
+            measured_samples: None,
+            conforming: None,
             statistics: None,
         };
-        let wanted = "\nRegion \"bo\\nre\": fail, 90.00 % measured, U 0.250 mm (k = 2); left out: 25.00 % of the points as steep, of the area 5.00 % steep and \
-                      3.00 % off";
-        let told = region_words(&region);
+        let wanted = "\nRegion \"bo\\nre\": fail, tolerance ±0.050, U 0.250 mm (k = 2); 90.00 % measured; left out: 25.00 % of \
+                      the points as steep, of the area 5.00 % steep and 3.00 % off";
+        let told = region_words(&region, true);
         assert!(told.contains(wanted) && told.ends_with("off the surface"), "{told}");
         let open = RegionDeviationDocument { verdict: Some(Conformity::Undecided), is_open_by_poses: true, ..region };
-        let told = region_words(&open);
+        let told = region_words(&open, true);
         assert!(told.contains("off the surface. U is mostly due to the poses of the views (± 0.240 mm): calibrate"), "{told}");
+        let told = region_words(&open, false);
+        assert!(told.contains("\": not judged, tolerance ±0.050") && told.ends_with("off the surface"), "{told}");
+    }
+
+    /// A region that failed was told with its uncertainty, and not with what was measured; and its zone of 0.3 mm was read as ± 0.3 mm.
+    #[test]
+    fn a_region_tells_the_figures_that_its_verdict_is_from() {
+        let region = serde_json::json!({
+            "name": "step", "tolerance_mm": 0.3, "measured": 0.9996, "verdict": "fail", "expanded_uncertainty_mm": 0.0226,
+            "statistics": {
+                "area_mm2": 1806.4, "mean_mm": 0.198, "rms_mm": 0.198, "p1_mm": 0.158, "p5_mm": 0.174, "p50_mm": 0.2,
+                "p95_mm": 0.217, "p99_mm": 0.228, "max_mm": 0.2487, "in_tolerance": 0.0061,
+            },
+        });
+        let told = region_words(&serde_json::from_value(region).expect("a region"), true);
+        let wanted =
+            "fail, tolerance ±0.150, mean 0.198, largest 0.249, U 0.023 mm (k = 2), 0.61 % in tolerance; 99.96 % measured;";
+        assert!(told.contains(wanted), "{told}");
+        let unmeasured = serde_json::json!({
+            "name": "bore", "tolerance_mm": null, "measured": 0.0, "verdict": null, "expanded_uncertainty_mm": null,
+            "statistics": null,
+        });
+        let told = region_words(&serde_json::from_value(unmeasured).expect("a region"), true);
+        assert!(told.contains("\"bore\": no tolerance; 0.00 % measured;"), "{told}");
     }
 }

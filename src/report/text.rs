@@ -23,7 +23,7 @@ use crate::wire::warnings::{FieldWarning, WarningCode, of_robust, parameter_of};
 use crate::wire::words::{
     ChoiceRules, MEANING_OF_INDEPENDENT, MEANING_OF_REACH_IGNORED, MEASURED_OF_COVERABLE, NOTHING_IN_REGION, advice_sentence,
     apart_mm, area_mm2, asked_name, at_risk_sentence, bounded_moves, cause_phrase, changed_params, counted, first_lie,
-    fix_sentence, fixed, fixed_nonzero, headline, lie_phrase, noise_remark, of_asked_phrase, order_claim, path_remedy,
+    fix_sentence, fixed, fixed_nonzero, headline, lie_phrase, limits_mm, noise_remark, of_asked_phrase, order_claim, path_remedy,
     percent_below, pose_error_sizes, region_verdict, risk_meaning, stability_sentence, treated_spots,
 };
 
@@ -204,7 +204,7 @@ fn write_regions(out: &mut String, coverage: &Coverage) -> fmt::Result {
     }
     for region in &coverage.regions {
         let verdict = region_verdict(&RegionCoverageDocument::from(region));
-        let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {} mm", tolerance_text(mm)));
+        let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {} mm", limits_mm(mm)));
         // Quoted, so that no name breaks a line.
         writeln!(out, "  {:?}: {}{tolerance}, {}", region.name, region.kind.as_str(), counted(region.samples, "sample"))?;
         if is_of_open && region.samples == 0 {
@@ -452,14 +452,6 @@ pub(crate) fn reached_percent(of_asked: f64, target: Option<f64>) -> String {
     percent_below(of_asked, missed_target.unwrap_or(1.0), 2)
 }
 
-/// Tolerance in mm with three decimals, or with up to six where it has more: a limit is told as it is given.
-pub(crate) fn tolerance_text(tolerance_mm: f64) -> String {
-    let micrometres = 1e3 * tolerance_mm;
-    // Six decimals hold three digits of the finest tolerance.
-    let is_finer = (micrometres - micrometres.round()).abs() > 1e-6;
-    if is_finer { fixed(tolerance_mm, 6).trim_end_matches('0').to_owned() } else { fixed(tolerance_mm, 3) }
-}
-
 /// Views with their verb.
 fn measuring(views: usize) -> String {
     format!("{} {}", counted(views, "view"), if views == 1 { "measures" } else { "measure" })
@@ -697,13 +689,6 @@ mod tests {
                 "  hand-eye         nominal 97.00 %, mean 95.00 %, worst of 1 draw 95.00 %",
             ]
         );
-    }
-
-    /// 0.0014 mm were told as 0.001 mm, and half a thousandth of an inch as 0.013 mm.
-    #[test]
-    fn a_tolerance_is_not_rounded_to_another_one() {
-        assert_eq!([0.001, 0.2, 0.1 + 0.2, 100.0].map(tolerance_text), ["0.001", "0.200", "0.300", "100.000"]);
-        assert_eq!([0.0014, 0.0005 * 25.4, 0.0625, 1.0 / 3.0].map(tolerance_text), ["0.0014", "0.0127", "0.0625", "0.333333"]);
     }
 
     #[test]

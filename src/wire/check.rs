@@ -92,6 +92,10 @@ pub struct CheckReport {
     /// Share of the asked area that the views of a plan (with `cell` and `mesh_id`) or the scans of a program (with `plan` too)
     /// measure, 0 to 1.
     pub measured_of_asked: Option<f64>,
+    /// Min and max length of the longest edge of a part's bounding box, mm, for the part to suit the scanner and the plate of the
+    /// cell, or the scanner alone without one; `null` if no scanner is given.
+    #[serde(default)]
+    pub part_edge_mm: Option<[f64; 2]>,
     /// Findings, each with the pointer into the document; empty for the whole.
     pub findings: Vec<ProblemField>,
     /// Warnings on a sound document: parameters that cannot be reached, or a cell or a part that is probably not what was meant.

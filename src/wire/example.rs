@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 
+use super::words::rounded_to;
 use crate::cell::{Presets, SpecLibrary as _};
 
 /// A tetrahedron of 60 mm as ASCII STL. Uploaded, it gets the id [`super::MeshId::EXAMPLE`].
@@ -43,7 +44,7 @@ pub fn calibration() -> Value {
         Translation3::new(-60.0, 40.0, 5.0),
         UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 20_f64.to_radians()),
     );
-    let rounded = |value: f64| (value * 1e6).round() / 1e6;
+    let rounded = |value: f64| rounded_to(value, 6);
     let observation = |(number, (joints_deg, angle_deg)): (usize, &([f64; 6], f64))| {
         let base_from_flange = cell.robot.kinematics.base_from_flange(&joints_deg.map(f64::to_radians));
         let base_from_scanner = base_from_flange.isometry() * cell.flange_from_scanner.isometry();

@@ -12,6 +12,7 @@ use super::plan::RegionCoverageDocument;
 use super::problem::JobProblem;
 use super::summary::Summary;
 use super::warnings::FieldWarning;
+use super::words::is_control;
 use crate::cell::{CellSpec, FieldError, Findings, Named, ScannerSpec, field_ranges};
 use crate::planning::params::PlanParams;
 
@@ -147,9 +148,8 @@ fn check_labels(findings: &mut Findings, labels: &BTreeMap<String, String>) {
         let at = format!("/labels/{}", key.replace('~', "~0").replace('/', "~1"));
         let length = key.chars().count();
         findings.require((1..=64).contains(&length), &*at, || format!("has a key of {length} characters; allowed are 1 to 64"));
-        findings.require(!key.chars().any(char::is_control), &*at, || {
-            "has a control character in its key; none are allowed".to_owned()
-        });
+        findings
+            .require(!key.chars().any(is_control), &*at, || "has a control character in its key; none are allowed".to_owned());
         // A list would take what follows for the value.
         findings.require(!key.contains('='), &*at, || {
             "has \"=\" in its key; any other character is allowed, since `?label=key=value` finds jobs by it".to_owned()
@@ -169,7 +169,7 @@ pub fn label_filter_fault(filter: &str) -> Option<String> {
 fn text(findings: &mut Findings, pointer: &str, value: &str, low: usize, high: usize) {
     let length = value.chars().count();
     findings.require((low..=high).contains(&length), pointer, || format!("has {length} characters; allowed are {low} to {high}"));
-    findings.require(!value.chars().any(char::is_control), pointer, || "has a control character; none are allowed".into());
+    findings.require(!value.chars().any(is_control), pointer, || "has a control character; none are allowed".into());
 }
 
 /// The finding, its pointer moved below `prefix`.

@@ -13,7 +13,7 @@ use crate::cell::closed_list;
 closed_list! {
     /// Field that a list of jobs is sorted by.
     pub enum JobSortKey {
-        /// Time at which the job was accepted.
+        /// Order in which jobs were accepted, that of their ids: also where the clock was set back meanwhile.
         CreatedAt = "created_at",
         /// Time at which the job ended; one that has not ended comes after those that have.
         EndedAt = "ended_at",

@@ -10,6 +10,7 @@ use serde_path_to_error::{Path, Segment};
 use utoipa::ToSchema;
 
 use super::json_fault::in_plain_words;
+use super::located;
 use super::shape::{lists_for_objects, refused};
 use crate::cell::{FieldError, with_suggestion};
 
@@ -67,9 +68,9 @@ pub fn decode<T: DeserializeOwned>(value: &Value) -> Result<T, FieldError> {
 }
 
 fn decode_as_written<T: DeserializeOwned>(value: &Value) -> Result<T, FieldError> {
-    serde_path_to_error::deserialize(value).map_err(|error| {
-        let detail = with_suggestion(&error.inner().to_string());
-        FieldError { pointer: unknown_field(value, pointer_of(error.path()), &detail), detail }
+    located::read(value).map_err(|fault| {
+        let detail = with_suggestion(&fault.detail);
+        FieldError { pointer: unknown_field(value, fault.pointer, &detail), detail }
     })
 }
 
@@ -209,8 +210,7 @@ fn whole_number(value: f64) -> Option<Number> {
 }
 
 /// The JSON pointer of a path.
-#[must_use]
-pub fn pointer_of(path: &Path) -> String {
+pub(super) fn pointer_of(path: &Path) -> String {
     path.iter().fold(String::new(), |pointer, segment| match segment {
         Segment::Seq { index } => format!("{pointer}/{index}"),
         Segment::Map { key } => format!("{pointer}/{}", escape(key)),

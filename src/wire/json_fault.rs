@@ -7,7 +7,7 @@ const MAX_QUOTED: usize = 24;
 /// Byte order mark in UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// The message for a text that serde_json refuses; `None` for an error that is none of the text's form.
+/// The message for a text that serde_json refuses; `None` for an error that is not about the form of the text.
 pub(super) fn in_plain_words(text: &[u8], error: &serde_json::Error) -> Option<String> {
     if text.iter().all(u8::is_ascii_whitespace) {
         return Some("the document is empty; expected a JSON value".to_owned());

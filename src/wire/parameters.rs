@@ -309,6 +309,25 @@ pub fn add_ranges(schemas: &mut BTreeMap<String, RefOr<Schema>>) {
             }
         }
     }
+    add_fixed_ranges(schemas);
+}
+
+/// Adds the ranges alone of parameters, specifications and requests to schemas by which values are told.
+pub(super) fn add_bounds(schemas: &mut BTreeMap<String, RefOr<Schema>>) {
+    let simulation = vec![("", SimulationParams::KNOBS)];
+    for (_, group) in [PlanParams::knobs(), inspection_groups(), rescan_groups(), simulation].into_iter().flatten() {
+        let Some(RefOr::T(Schema::Object(schema))) = schemas.get_mut(group.name) else { continue };
+        for knob in group.knobs {
+            if let Some((property, range)) = schema.properties.get_mut(knob.field).zip(knob.range) {
+                add_range(property, range);
+            }
+        }
+    }
+    add_fixed_ranges(schemas);
+}
+
+/// Adds the ranges of specifications, requests and observations.
+fn add_fixed_ranges(schemas: &mut BTreeMap<String, RefOr<Schema>>) {
     for group in SPEC_RANGES.iter().chain(&REQUEST_RANGES).chain(&OBSERVATION_RANGES) {
         let Some(schema) = schemas.get_mut(group.name) else { continue };
         for range in group.ranges {

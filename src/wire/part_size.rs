@@ -63,12 +63,16 @@ impl SizeLimits {
         Self { field_mm, plate_mm }
     }
 
-    fn min_edge_mm(&self) -> f64 {
-        MIN_OF_FIELD * self.field_mm[0].min(self.field_mm[1])
+    /// Min and max length of the longest edge of a part for it to suit the scanner and the plate.
+    #[must_use]
+    pub fn edge_mm(&self) -> [f64; 2] {
+        let [width_mm, height_mm] = self.field_mm;
+        [MIN_OF_FIELD * width_mm.min(height_mm), self.plate_mm.unwrap_or(MAX_FIELDS * width_mm.max(height_mm))]
     }
 
     fn is_small(&self, size_mm: &[f64; 3]) -> bool {
-        longest(size_mm) < self.min_edge_mm()
+        let [min_mm, _] = self.edge_mm();
+        longest(size_mm) < min_mm
     }
 
     /// Returns true if a part of these edges along the table's x and y is wider than the plate.
@@ -78,8 +82,8 @@ impl SizeLimits {
 
     /// Returns true if a part suits the scanner and the plate, whichever way it lies.
     fn suits(&self, size_mm: &[f64; 3]) -> bool {
-        let max_mm = self.plate_mm.unwrap_or(MAX_FIELDS * self.field_mm[0].max(self.field_mm[1]));
-        !self.is_small(size_mm) && longest(size_mm) <= max_mm
+        let [min_mm, max_mm] = self.edge_mm();
+        (min_mm..=max_mm).contains(&longest(size_mm))
     }
 }
 
@@ -267,6 +271,21 @@ mod tests {
         let lying: PoseSpec = serde_json::from_str(r#"{"translation_mm": [0, 0, 20], "rpy_deg": [90, 0, 0]}"#).expect("a pose");
         assert_eq!(mast.warnings(Some(&lying), &limits, "")[0].code, WarningCode::PartLargerThanPlate);
         assert_eq!(mast.warnings(Some(&lying), &SizeLimits::of_lengths([300.0, 200.0], None), ""), [], "there is no plate");
+    }
+
+    /// The dashboard had limits of its own, by which a part fitted that was then warned of.
+    #[test]
+    fn the_lengths_that_suit_are_those_of_readings_and_of_the_warning_on_a_small_part() {
+        for limits in [in_the_default_cell(), SizeLimits::of_lengths([300.0, 200.0], None)] {
+            let [min_mm, max_mm] = limits.edge_mm();
+            assert!(min_mm > 0.0 && min_mm < max_mm, "{limits:?}");
+            for (edge_mm, suits) in [(min_mm.next_down(), false), (min_mm, true), (max_mm, true), (max_mm.next_up(), false)] {
+                let bar = PartSize { size_mm: [1.0, edge_mm, 1.0], unit: LengthUnit::Millimetre };
+                assert_eq!(bar.readings(Some(&limits))[0].fits, Some(suits), "{edge_mm}, {limits:?}");
+                let is_small = bar.warnings(None, &limits, "").iter().any(|warning| warning.code == WarningCode::PartSmall);
+                assert_eq!(is_small, edge_mm < min_mm, "{edge_mm}, {limits:?}");
+            }
+        }
     }
 
     #[test]

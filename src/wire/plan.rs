@@ -394,7 +394,8 @@ pub struct BoundDocument {
     /// Number of chosen views minus `views_lower`; 0 proves that no selection needs fewer.
     pub gap: u32,
     /// Upper bound on the share of the asked area that `selection.max_views` views measure: the share that the plan measures plus
-    /// `gap_of_asked`. Present with `selection.goal` `best_coverage`.
+    /// `gap_of_asked`. Present with `selection.goal` `best_coverage`, but not with `robust.select`, which chooses by what views measure
+    /// under pose errors.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub of_asked_upper: Option<f64>,
     /// Upper bound on how much more of the samples that views are chosen on another selection could measure, as a share; 0 proves

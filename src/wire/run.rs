@@ -111,6 +111,8 @@ closed_list! {
         TriggerSilent = "trigger_silent",
         /// Paused: the locating scan is taken, and the part's pose is awaited.
         Locating = "locating",
+        /// A stop was sent, to end or to pause the run, and arm and table are not yet known to be at rest: keep clear.
+        Stopping = "stopping",
         /// Done: every step.
         AllSteps = "all_steps",
         /// Done: the devices were read, and nothing was moved.
@@ -210,7 +212,7 @@ pub struct Run {
     /// Time that the finished steps have taken, s; not that of a step under way or cut short. Of the twin's clock in the mode
     /// `simulate`, with the host's own work at its real duration.
     pub elapsed_secs: f64,
-    /// Stop that ended it; `null` if there was none.
+    /// Stop that ends it or has ended it, as far as it has got; `null` if there was none.
     pub stop: Option<RunStop>,
     /// Devices that it was connected to; `null` before.
     pub devices: Option<RunDevices>,
@@ -249,7 +251,7 @@ pub struct RunAudit {
     pub sha256: String,
 }
 
-/// Stop that ended a run, as each device carried it out; `null` for a device that had nothing to stop.
+/// Stop that ends a run, as each device carries it out; `null` for a device that had nothing to stop.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct RunStop {
     /// The arm.

@@ -11,8 +11,8 @@ use utoipa::ToSchema;
 use utoipa::openapi::{RefOr, Schema};
 
 use super::json::{decode, escape};
-use super::parameters::without_links;
-use crate::cell::{ControllersSpec, FieldError, closest, with_suggestion};
+use super::parameters::{add_bounds, without_links};
+use crate::cell::{ControllersSpec, FieldError, closest, decimal_comma_advice, with_suggestion};
 
 /// Findings beyond which no more are looked for.
 const MAX_FINDINGS: usize = 100;
@@ -20,6 +20,8 @@ const MAX_FINDINGS: usize = 100;
 const MAX_VALUES: usize = 10_000;
 /// Schema that allows every value.
 const ANYTHING: &Value = &Value::Null;
+/// Beginning of the range in a message.
+const ALLOWED: &str = "; allowed is ";
 
 /// Converts a value to `T`.
 ///
@@ -31,13 +33,14 @@ pub fn from_value<T: DeserializeOwned + ToSchema + 'static>(value: &Value) -> Re
 
 /// Findings in a value that is no `T`: `first`, which serde gives, unless it is a field that the others name.
 pub(crate) fn refused<T: ToSchema + 'static>(value: &Value, first: FieldError) -> Vec<FieldError> {
-    let Walked { mut findings, odd_lists, lists } = walked::<T>(value, false);
+    let Walked { mut findings, odd_lists, lists, beyond } = walked::<T>(value, false);
     // Of a list in the place of something else serde may tell its length, or what is wrong with its first item.
     let is_told = |list: &String| first.pointer == *list && first.detail.starts_with("is a list");
     if lists.iter().any(|list| is_within(&first.pointer, list) && !is_told(list)) {
         return findings;
     }
     let first = with_id(placed(first, value, &findings, &odd_lists), value);
+    let first = with_range(first, &findings, &beyond);
     let is_told = field_named(&first.detail).is_some_and(|name| {
         let end = format!("/{}", escape(name));
         let is_it = |finding: &FieldError| finding.pointer == first.pointer || finding.pointer.ends_with(&end);
@@ -57,9 +60,11 @@ fn placed(first: FieldError, value: &Value, findings: &[FieldError], odd_lists: 
     let list = odd_lists.iter().find(|(pointer, [length, _])| {
         is_within(pointer, &first.pointer) && first.detail.starts_with(&format!("has {length} element"))
     });
-    let inside = findings
-        .iter()
-        .find(|finding| is_within(&finding.pointer, &first.pointer) && first.detail.starts_with(finding.detail.as_str()));
+    let is_same = |finding: &FieldError| {
+        let kind = finding.detail.split(ALLOWED).next().unwrap_or_default();
+        is_within(&finding.pointer, &first.pointer) && first.detail.starts_with(kind)
+    };
+    let inside = findings.iter().find(|finding| is_same(finding));
     match (list, inside) {
         (Some((pointer, [length, allowed])), _) if length > allowed => {
             FieldError { pointer: pointer.clone(), detail: format!("has {length} elements; expected {allowed}") }
@@ -108,6 +113,17 @@ fn with_id(first: FieldError, value: &Value) -> FieldError {
     }
 }
 
+/// The finding of serde on a number with the range of its field: serde knows that of the type alone.
+fn with_range(first: FieldError, findings: &[FieldError], beyond: &BTreeMap<String, String>) -> FieldError {
+    let of_kind = findings.iter().find(|finding| finding.pointer == first.pointer && finding.detail.contains(ALLOWED));
+    let told = of_kind.map(|finding| &finding.detail).or_else(|| beyond.get(&first.pointer));
+    let is_of_number = ["; expected a number", "; expected a whole number"].iter().any(|kind| first.detail.contains(kind));
+    match told.filter(|_| is_of_number) {
+        Some(detail) => FieldError { detail: detail.clone(), ..first },
+        None => first,
+    }
+}
+
 /// Name of the field that serde misses or does not know.
 fn field_named(detail: &str) -> Option<&str> {
     let rest = ["missing field `", "unknown field `"].iter().find_map(|start| detail.strip_prefix(start))?;
@@ -125,19 +141,20 @@ pub(crate) fn lists_for_objects<T: ToSchema + 'static>(value: &Value) -> Vec<Fie
 }
 
 /// Outcome of the walk through `value`: fields that are missing, unknown or of another kind by the schema of `T`, lists that are
-/// too long or too short, and lists in the place of something else.
+/// too long or too short, lists in the place of something else, and messages on numbers beyond the range of their field.
 struct Walked {
     findings: Vec<FieldError>,
     odd_lists: BTreeMap<String, [u64; 2]>,
     lists: Vec<String>,
+    beyond: BTreeMap<String, String>,
 }
 
 fn walked<T: ToSchema + 'static>(value: &Value, lists_only: bool) -> Walked {
     let schema = schema_of::<T>();
-    let (findings, odd_lists, lists) = (Vec::new(), BTreeMap::new(), Vec::new());
-    let mut walk = Walk { components: &schema.components, findings, odd_lists, lists, values: 0, lists_only };
+    let (findings, odd_lists, lists, beyond) = (Vec::new(), BTreeMap::new(), Vec::new(), BTreeMap::new());
+    let mut walk = Walk { components: &schema.components, findings, odd_lists, lists, beyond, values: 0, lists_only };
     walk.value(value, &schema.root, "");
-    Walked { findings: walk.findings, odd_lists: walk.odd_lists, lists: walk.lists }
+    Walked { findings: walk.findings, odd_lists: walk.odd_lists, lists: walk.lists, beyond: walk.beyond }
 }
 
 /// Schema of a type as JSON.
@@ -156,16 +173,20 @@ fn schema_of<T: ToSchema + 'static>() -> Arc<TypeSchema> {
     known.unwrap_or_else(|| {
         let mut components = Vec::new();
         T::schemas(&mut components);
-        let schema = Arc::new(TypeSchema::new(&T::schema(), components));
+        let schema = Arc::new(TypeSchema::new(&T::name(), T::schema(), components));
         Arc::clone(schemas().entry(TypeId::of::<T>()).or_insert(schema))
     })
 }
 
 impl TypeSchema {
-    fn new(root: &RefOr<Schema>, components: Vec<(String, RefOr<Schema>)>) -> Self {
+    /// The schema of the type `name`, with the ranges that its fields have in the API document.
+    fn new(name: &str, root: RefOr<Schema>, components: Vec<(String, RefOr<Schema>)>) -> Self {
         let to_json = |schema: &RefOr<Schema>| serde_json::to_value(schema).unwrap_or_default();
-        let components = components.into_iter().map(|(name, schema)| (name, to_json(&schema))).collect();
-        Self { root: to_json(root), components }
+        let mut schemas: BTreeMap<String, RefOr<Schema>> = components.into_iter().collect();
+        schemas.insert(name.to_owned(), root);
+        add_bounds(&mut schemas);
+        let components: BTreeMap<String, Value> = schemas.iter().map(|(name, schema)| (name.clone(), to_json(schema))).collect();
+        Self { root: components.get(name).cloned().unwrap_or_default(), components }
     }
 }
 
@@ -219,6 +240,21 @@ fn expected(kinds: &[&str]) -> String {
     allowed.join(" or ")
 }
 
+/// Range of a number; `None` where it has none, or where something else than a number is allowed too.
+fn range_of(variants: &[&Value]) -> Option<[f64; 2]> {
+    let is_null = |variant: &Value| kinds_of(variant).is_some_and(|kinds| kinds == ["null"]);
+    let mut others = variants.iter().copied().filter(|variant| !is_null(variant));
+    let (Some(number), None) = (others.next(), others.next()) else { return None };
+    let is_number = kinds_of(number)?.iter().all(|kind| ["integer", "number", "null"].contains(kind));
+    let [min, max] = ["minimum", "maximum"].map(|bound| number[bound].as_f64().filter(|_| is_number));
+    Some([min?, max?])
+}
+
+/// End of a message, with the range; empty without one.
+fn allowed(range: Option<[f64; 2]>) -> String {
+    range.map_or_else(String::new, |[min, max]| format!("{ALLOWED}{min} to {max}"))
+}
+
 /// Walk through a value along its schema.
 struct Walk<'s> {
     /// Named schemas.
@@ -228,6 +264,8 @@ struct Walk<'s> {
     odd_lists: BTreeMap<String, [u64; 2]>,
     /// Pointers of the lists in the place of something else.
     lists: Vec<String>,
+    /// Message on each number beyond the range of its field, by its pointer: a check tells it too, if serde takes the number.
+    beyond: BTreeMap<String, String>,
     /// Values seen.
     values: usize,
     /// Look for nothing but lists in the place of objects.
@@ -305,7 +343,13 @@ impl<'s> Walk<'s> {
                     self.value(item, &schema["items"], &format!("{at}/{index}"));
                 }
             }
-            Value::Null | Value::Bool(_) | Value::Number(_) | Value::String(_) => {}
+            Value::Number(number) => {
+                let range = range_of(&self.variants(schema));
+                if range.zip(number.as_f64()).is_some_and(|([min, max], number)| !(min..=max).contains(&number)) {
+                    self.beyond.insert(at.to_owned(), format!("is {number}{}", allowed(range)));
+                }
+            }
+            Value::Null | Value::Bool(_) | Value::String(_) => {}
         }
     }
 
@@ -316,7 +360,9 @@ impl<'s> Walk<'s> {
         let kinds = variants.iter().copied().map(kinds_of).collect::<Option<Vec<_>>>()?.concat();
         if !kinds.iter().any(|kind| is_of_kind(value, kind)) {
             let is_told = value.is_array() && self.is_object(schema);
-            return (!is_told).then(|| format!("is {}; expected {}", found(value), expected(&kinds)));
+            let advice = value.as_str().filter(|_| kinds.contains(&"number")).map_or("", decimal_comma_advice);
+            return (!is_told)
+                .then(|| format!("is {}; expected {}{}{advice}", found(value), expected(&kinds), allowed(range_of(&variants))));
         }
         let name = value.as_str()?;
         let with_names = variants.iter().filter(|variant| kinds_of(variant).is_some_and(|kinds| kinds.contains(&"string")));
@@ -352,7 +398,7 @@ impl<'s> Walk<'s> {
         if tag.is_none() {
             for (&name, &schema) in shapes.iter().flat_map(|shape| &shape.properties) {
                 let known = best.properties.entry(name).or_insert(ANYTHING);
-                if *known != schema {
+                if !is_alike(known, schema) {
                     *known = ANYTHING;
                 }
             }
@@ -433,6 +479,20 @@ impl<'s> Walk<'s> {
     fn is_done(&self) -> bool {
         self.findings.len() >= MAX_FINDINGS || self.values > MAX_VALUES
     }
+}
+
+/// Returns true if two schemas are equal but for the ranges of their numbers.
+fn is_alike(one: &Value, other: &Value) -> bool {
+    let without_ranges = |schema: &Value| {
+        let mut schema = schema.clone();
+        for place in ["", "/items"] {
+            if let Some(Value::Object(schema)) = schema.pointer_mut(place) {
+                schema.retain(|name, _| name != "minimum" && name != "maximum");
+            }
+        }
+        schema
+    };
+    without_ranges(one) == without_ranges(other)
 }
 
 /// The tag that all variants have, with its value in each.
@@ -599,12 +659,36 @@ mod tests {
         });
         let errors = from_value::<PlanParams>(&params).expect_err("wrong");
         let at = |pointer: &str| errors.iter().find(|error| error.pointer == pointer).map(|error| error.detail.as_str());
-        assert_eq!(at("/selection/target"), Some("is \"high\"; expected a number"), "{errors:#?}");
-        assert_eq!(at("/selection/max_views"), Some("is 1.5; expected a whole number"), "{errors:#?}");
+        assert_eq!(at("/selection/target"), Some("is \"high\"; expected a number; allowed is 0 to 1"), "{errors:#?}");
+        assert_eq!(at("/selection/max_views"), Some("is 1.5; expected a whole number; allowed is 1 to 1000"), "{errors:#?}");
         assert!(at("/selection/solver").is_some_and(|told| told.ends_with("did you mean `greedy`?")), "{errors:#?}");
-        assert_eq!(at("/candidates/rolls_deg/1"), Some("is \"90\"; expected a number"), "{errors:#?}");
-        assert!(at("/setups").is_some_and(|told| told.starts_with("is \"two\"; expected a whole number")), "{errors:#?}");
+        assert_eq!(at("/candidates/rolls_deg/1"), Some("is \"90\"; expected a number; allowed is -360 to 360"), "{errors:#?}");
+        assert_eq!(at("/setups"), Some("is \"two\"; expected a whole number; allowed is 1 to 4"), "{errors:#?}");
         assert_eq!(errors.len(), 5, "{errors:#?}");
+    }
+
+    /// The range was that of the type: `expected a whole number from -2147483648 to 2147483647` of a priority.
+    #[test]
+    fn a_number_of_another_kind_or_beyond_its_type_is_told_the_range_of_its_field() {
+        let told = |errors: Vec<FieldError>| errors.iter().map(ToString::to_string).collect::<Vec<_>>();
+        let job = |priority: Value| {
+            let job = json!({"mesh_id": "0190b6b0-7c1e-7c1e-8c1e-0123456789ab", "priority": priority});
+            told(from_value::<JobRequest>(&job).expect_err("wrong"))
+        };
+        for (priority, wanted) in [
+            (json!(1.5), "/priority: is 1.5; expected a whole number; allowed is -100 to 100"),
+            (json!("high"), "/priority: is \"high\"; expected a whole number; allowed is -100 to 100"),
+            (json!(1_000_000_000_000_u64), "/priority: is 1000000000000; allowed is -100 to 100"),
+            (json!(-3_000_000_000_i64), "/priority: is -3000000000; allowed is -100 to 100"),
+        ] {
+            assert_eq!(job(priority.clone()), [wanted], "{priority}");
+        }
+        let params = |params: Value| told(from_value::<PlanParams>(&params).expect_err("wrong"));
+        assert_eq!(params(json!({"setups": -1})), ["/setups: is -1; allowed is 1 to 4"]);
+        let faces = json!({"regions": {"exclude": [{"kind": "faces", "faces": [1.5]}]}});
+        assert_eq!(params(faces).len(), 1);
+        let scanner = from_value::<ScannerSpec>(&json!({"name": "mine", "mass_kg": {}})).expect_err("wrong");
+        assert!(told(scanner).contains(&"/mass_kg: is an object; expected a number; allowed is 0.01 to 100".to_owned()));
     }
 
     #[test]
@@ -651,7 +735,7 @@ mod tests {
             ),
             (
                 json!({"kind": "cylinder", "radius_mm": "3 mm", "height_mm": 1}),
-                "/shape/radius_mm: is \"3 mm\"; expected a number",
+                "/shape/radius_mm: is \"3 mm\"; expected a number; allowed is 0.01 to 100000",
             ),
             (json!({"kind": "box", "size_mm": [1, 2, 3, 4]}), "/shape/size_mm: has 4 elements; expected 3"),
             (json!({"kind": "box", "size_mm": [1, 2]}), "/shape/size_mm: has 2 elements; expected a list of 3"),

@@ -4,6 +4,7 @@
 
 mod action;
 mod cycle;
+mod doubts;
 mod missed;
 mod verdict;
 
@@ -15,6 +16,7 @@ use utoipa::ToSchema;
 
 pub use action::{StandingRemedy, SummaryAction};
 pub use cycle::{CycleParts, ProgramCycle};
+pub use doubts::PlanDoubts;
 pub use missed::MissedGroup;
 pub(crate) use missed::{choice_ended_by, further_setup, own_plan_remark, stop_rules, turned_setup};
 pub(crate) use verdict::rescan_ended;
@@ -22,11 +24,11 @@ pub use verdict::{PlanLevel, PlanVerdict};
 
 use super::plan::{CoverageDocument, DrawnDocument, GradesDocument, MotionDocument, RobustDocument, SetupLinkDocument};
 use super::schema_name::schema_name;
-use super::warnings::{FieldWarning, WarningCode};
 use super::words::{
-    HeadlineShare, MEANING_OF_OPEN, asked_name, counted, headline, of_asked_phrase, percent_below, pose_error_sizes, shortfall,
+    HeadlineShare, MEANING_OF_OPEN, asked_name, counted, headline, of_asked_phrase, percent, percent_below, pose_error_sizes,
+    shortfall,
 };
-use crate::cell::Dialect;
+use crate::cell::{CalibrationProvenance, Dialect};
 use crate::planning::params::{PoseErrorParams, Registration, SelectionGoal};
 use crate::planning::plan::{Plan, RegionCoverage, RegionKind};
 
@@ -209,6 +211,10 @@ pub struct SummaryShares {
 pub struct SharesUnderPoseErrors {
     /// Size of the errors.
     pub pose_error: PoseErrorParams,
+    /// True if the size is that of the cell's calibration: twice its standard deviations or twice its residuals, whichever are
+    /// larger. Absent if false: the size was given, or is the default.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub of_calibration: bool,
     /// Lowest share, over all draws.
     pub of_asked: f64,
     /// Lowest share with an error of its own of each view.
@@ -294,54 +300,6 @@ impl Summary {
         Self { cycle_text, program_cycle: None, ..self }
     }
 
-    /// The summary of a plan in so many of whose setups the part would tip over: its title says so, and what to do, in place of what is
-    /// measured.
-    #[must_use]
-    pub fn with_unstable_setups(self, unstable: usize) -> Self {
-        if unstable == 0 || self.level == PlanLevel::NotExecutable {
-            return self;
-        }
-        let title = match self.setups {
-            0 | 1 => "Not ready to scan: the part does not stand stably as placed and would tip over; plan with the fixture that holds \
-                      it (part.fixture_mesh), or lay it on a side on which it stands (part.table_from_part, --up)"
-                .to_owned(),
-            setups => format!(
-                "Not ready to scan: the part does not stand stably in {unstable} of {setups} setups and would tip over; lay it on \
-                 sides on which it stands (part.table_from_part, part.resting_poses)"
-            ),
-        };
-        Self { title, level: PlanLevel::Limited, ..self }
-    }
-
-    /// The summary of a plan with these warnings: where its home is blocked, the remedy of that is the best action, and the fix of all that
-    /// is missed for want of a path.
-    #[must_use]
-    pub fn with_blocked_home(self, warnings: &[FieldWarning]) -> Self {
-        let Some(blocked) = warnings.iter().find(|warning| warning.code == WarningCode::HomeBlocked) else { return self };
-        // In plain text, as the other sentences are.
-        let remedy = blocked.remedy.replace('`', "");
-        let action = action::another_home(&remedy, 1.0 - self.missed_of_asked);
-        Self { action: Some(action), missed: missed::with_home_remedy(self.missed, &remedy, self.of_open), ..self }
-    }
-
-    /// The summary of a plan in a setup of which the part would tip over: to place it so that it stands is the best action,
-    /// since all else depends on how it lies.
-    #[must_use]
-    pub fn with_standing_first(self, remedy: Option<&StandingRemedy>) -> Self {
-        let Some(remedy) = remedy else { return self };
-        let action = action::placed_to_stand(remedy, 1.0 - self.missed_of_asked);
-        Self { action: Some(action), ..self }
-    }
-
-    /// The summary with a request to check the part's unit for a title, if there is one: a plan of a part of another size is of no use,
-    /// however good.
-    #[must_use]
-    pub fn with_unit_question(self, question: Option<String>) -> Self {
-        let Some(title) = question else { return self };
-        let level = if self.level == PlanLevel::Ready { PlanLevel::Limited } else { self.level };
-        Self { title, level, ..self }
-    }
-
     /// The line of the best action, if one is known.
     #[must_use]
     pub fn next_text(&self) -> Option<String> {
@@ -400,7 +358,7 @@ impl From<&RobustDocument> for SharesUnderPoseErrors {
         let hand_eye = robust.hand_eye.map(|off| worst(off.draws, &off.of_asked));
         let of_asked =
             [Some(part), hand_eye].into_iter().flatten().fold(each_view.of_asked, |least, kind| least.min(kind.of_asked));
-        Self { pose_error: robust.pose_error, of_asked, each_view, part, hand_eye }
+        Self { pose_error: robust.pose_error, of_calibration: false, of_asked, each_view, part, hand_eye }
     }
 }
 
@@ -408,11 +366,25 @@ impl SharesUnderPoseErrors {
     /// The lowest share in a clause; `is_of_open` of what earlier scans left open.
     fn text(&self, is_of_open: bool) -> String {
         let [angle_deg, shift_mm] = pose_error_sizes(&self.pose_error);
+        let source = if self.of_calibration { " (twice the uncertainty of the cell's calibration)" } else { "" };
         format!(
-            "if poses are off by {angle_deg}° and {shift_mm} mm, at worst {} {}",
+            "if poses are off by {angle_deg}° and {shift_mm} mm{source}, at worst {} {}",
             percent(self.of_asked),
             of_asked_phrase(is_of_open)
         )
+    }
+}
+
+impl Summary {
+    /// The summary of a plan in a cell with this calibration: it says where the size of the pose errors comes from.
+    #[must_use]
+    pub fn with_calibration(mut self, calibrated: Option<&CalibrationProvenance>) -> Self {
+        let Some(calibrated) = calibrated else { return self };
+        if let Some(shares) = &mut self.coverage.under_pose_errors {
+            shares.of_calibration = shares.pose_error == PoseErrorParams::of_calibration(calibrated);
+            self.coverage_text = self.coverage.text(self.of_open);
+        }
+        self
     }
 }
 
@@ -507,9 +479,4 @@ fn unmet_regions(regions: &[RegionCoverage]) -> String {
         more if more > NAMED => format!("{named}; and {} more", more - NAMED),
         _ => named,
     }
-}
-
-/// Formats a share as a percentage with two decimals.
-fn percent(share: f64) -> String {
-    format!("{} %", percent_below(share, 1.0, 2))
 }

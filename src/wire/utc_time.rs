@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 
 const MS_PER_SEC: i64 = 1000;
 const SECS_PER_DAY: i64 = 86_400;
-/// Year at whose begin clocks of operating systems start.
+/// Year in which the clocks of operating systems begin.
 const UNIX_YEAR: i64 = 1970;
 /// Last day of a year that has four digits, from the first day of year 0.
 const MAX_DAYS: i64 = days_before_year(10_000) - 1;

@@ -6,9 +6,10 @@ use utoipa::ToSchema;
 
 use super::plan::{CoverageDocument, RegionCoverageDocument, RobustDocument};
 use super::words::{
-    HOME_REMEDY, area_mm2, asked_name, counted, fixed, independent_share, percent_below, pose_error_sizes, rounded_up_mm,
+    area_mm2, asked_name, counted, fixed, home_remedy, independent_share, limits_mm, percent_below, pose_error_sizes, rounded_to,
+    rounded_up_mm,
 };
-use crate::cell::{Cell, CollisionScene, Contact, Scanner, closed_list};
+use crate::cell::{Cell, CollisionScene, Contact, DeviceName, FieldHider, HiddenShare, HiderPlace, Scanner, closed_list};
 use crate::geometry::{Aabb, Part, Pose, StablePose, Table};
 use crate::planning::params::{MotionParams, NoiseParams, PlanParams, SelectionGoal};
 use crate::planning::plan::Robust;
@@ -16,6 +17,11 @@ use crate::planning::{UpAxis, tips_over};
 
 #[cfg(test)]
 mod tests;
+
+/// Share of a device's field beyond which most of it is hidden.
+const MAJORITY: f64 = 0.5;
+/// Difference of two shares of a field that is told as none.
+const HIDDEN_ROUNDING: f64 = 5e-4;
 
 closed_list! {
     /// Kind of a warning.
@@ -47,6 +53,9 @@ closed_list! {
         /// A body that the flange carries overlaps a link of the arm in every posture that was tried, so that collisions between the two
         /// are not checked.
         LoadOverlapsArm = "load_overlaps_arm",
+        /// A body that the flange carries, or the end of the arm, stands between a device of the scanner and its field, in every view or at
+        /// some angles of joint 6. Plans take what it hides for measured.
+        MountHidesField = "mount_hides_field",
         /// The plate's centre is farther away than the stretched arm and the scanner measure.
         PlateBeyondReach = "plate_beyond_reach",
         /// An excluded region holds none of the part's surface: it may lie elsewhere, or be in another unit.
@@ -90,6 +99,7 @@ impl WarningCode {
             | Self::HomeInRadians
             | Self::HomeTooClose
             | Self::LoadOverlapsArm
+            | Self::MountHidesField
             | Self::PlateBeyondReach
             | Self::DoubtfulValue => false,
         }
@@ -117,7 +127,7 @@ pub fn of_cell(cell: &Cell, at: &str) -> Vec<FieldWarning> {
         pointer: format!("{at}/home_deg"),
         detail: format!(
             "is {:?}; all values are within ±2π, which suggests radians",
-            cell.home_rad.axes_rad().map(|angle| fixed_number(angle.to_degrees()))
+            cell.home_rad.axes_rad().map(|angle| rounded_to(angle.to_degrees(), 6))
         ),
         remedy: format!("if it is in radians, give {:?} (degrees)", home.axes_tenths_deg()),
     });
@@ -135,7 +145,83 @@ pub fn of_cell(cell: &Cell, at: &str) -> Vec<FieldWarning> {
     let scene = CollisionScene::without_part(cell, clearance_mm);
     let close = home_too_close(cell, &scene, clearance_mm, at);
     let untested = scene.untested_load().iter().map(|pair| load_overlaps_arm(cell, pair, at));
-    home.into_iter().chain(close).chain(untested).chain(plate).collect()
+    home.into_iter().chain(close).chain(untested).chain(of_sight(cell, at)).chain(plate).collect()
+}
+
+/// Warnings of bodies that move with the scanner and hide its field: plans, which do not take them into account, state more than is
+/// measured. `at` is the pointer to the cell.
+#[must_use]
+pub fn of_sight(cell: &Cell, at: &str) -> Vec<FieldWarning> {
+    cell.field_hiders().iter().map(|hider| mount_hides_field(hider, at)).collect()
+}
+
+/// Warning of bodies of one place that hide the field.
+fn mount_hides_field(hider: &FieldHider, at: &str) -> FieldWarning {
+    let names = hider.names.iter().map(|name| format!("{name:?}")).collect::<Vec<_>>().join(", ");
+    let pronoun = if hider.names.len() == 1 { "it hides" } else { "they hide" };
+    let (pointer, puts) = match hider.place {
+        HiderPlace::Mount(index) => (format!("{at}/mount/{index}"), format!("puts {names} between the scanner and its field")),
+        HiderPlace::Scanner(index) => {
+            (format!("{at}/scanner/body/{index}"), format!("puts {names} between the scanner's own devices and their field"))
+        }
+        HiderPlace::Arm => (format!("{at}/flange_from_scanner"), format!("lets the scanner look through {names} of the arm")),
+    };
+    let shares = hider.shares.iter().map(hidden_share).collect::<Vec<_>>().join(", ");
+    let depends = hider.shares.iter().any(|share| share.max - share.min > HIDDEN_ROUNDING);
+    let when = if depends { ", depending on the angle of joint 6" } else { " in every view" };
+    let is_most = hider.shares.iter().any(|share| share.max > MAJORITY);
+    FieldWarning {
+        code: WarningCode::MountHidesField,
+        pointer,
+        detail: format!(
+            "{puts}: {pronoun} {shares}{when}; plans do NOT take this into account: they count what is hidden as measured"
+        ),
+        remedy: sight_remedy(hider.place, is_most).to_owned(),
+    }
+}
+
+/// Remedy for bodies that hide the field; `is_most` if they hide most of what a device sees.
+fn sight_remedy(place: HiderPlace, is_most: bool) -> &'static str {
+    match (place, is_most) {
+        (HiderPlace::Mount(_), true) => {
+            "check the body's shape and owner_from_body, leave out what is transparent, and check flange_from_scanner: it is often \
+             inverted (scanner_from_flange) or has a wrong sign; if the cell is built like this, turn the scanner on its mount, or take \
+             the body off"
+        }
+        (HiderPlace::Mount(_), false) => {
+            "move the body out of the field: check its shape and owner_from_body; if both are right, its shape may be coarser than the \
+             real body: give a hollow one as its walls or as a mesh, and leave out what is transparent"
+        }
+        (HiderPlace::Scanner(_), _) => {
+            "check the body's shape and owner_from_body: the devices look along +z of the scanner; if both are right, its shape may be \
+             coarser than the real body: give a hollow housing as its walls or as a mesh, and leave out what is transparent"
+        }
+        (HiderPlace::Arm, true) => {
+            "check flange_from_scanner: it is often inverted (scanner_from_flange) or has a wrong sign; if the cell is built like this, \
+             turn the scanner so that it looks away from the flange"
+        }
+        (HiderPlace::Arm, false) => {
+            "check flange_from_scanner; if it is right, a body of the robot may be coarser than the real link, as a short capsule with its \
+             round ends is, or a hollow housing that is given as solid: give the robot the exact surfaces of its links (`vantage robot \
+             --surfaces`), or mount the scanner on a longer adapter"
+        }
+    }
+}
+
+/// Share of a device's field that is hidden: `38 to 85 % of the left camera's field at 480 mm`.
+fn hidden_share(share: &HiddenShare) -> String {
+    let device = match share.device {
+        DeviceName::Left => "left camera",
+        DeviceName::Right => "right camera",
+        DeviceName::Projector => "projector",
+    };
+    let percent = |share: f64| rounded_to(100.0 * share, 1);
+    let range = match (share.min, share.max) {
+        (min, max) if max - min <= HIDDEN_ROUNDING => format!("{}", percent(max)),
+        (min, max) if min <= HIDDEN_ROUNDING => format!("up to {}", percent(max)),
+        (min, max) => format!("{} to {}", percent(min), percent(max)),
+    };
+    format!("{range} % of the {device}'s field at {} mm", rounded_to(share.depth_mm, 6))
 }
 
 /// Warning of a body of the arm and one that the flange carries that overlap always, and are therefore not tested against each other.
@@ -157,8 +243,9 @@ fn load_overlaps_arm(cell: &Cell, pair: &Contact, at: &str) -> FieldWarning {
              between the two are NOT checked, and a plan may drive one into the other"
         ),
         remedy: format!(
-            "{place}; if the pose is right, the robot's capsules are too wide there: give it the exact surfaces of its links \
-             (`vantage robot --surfaces`)"
+            "{place}; if the pose is right, the robot's capsules are too wide there: give it the exact surfaces of its links, from its \
+             URDF (`vantage robot --surfaces`; `vantage presets NAME` prints the file of a preset, which names its URDF); without one, \
+             narrow the limits of joint 5 in a copy of the robot's file until {arm:?} and {load:?} cannot meet"
         ),
     }
 }
@@ -239,8 +326,7 @@ fn home_too_close(cell: &Cell, scene: &CollisionScene, clearance_mm: f64, at: &s
     })
 }
 
-/// Warnings on a home that is not free with the part on its plate, in the scenes that the setups of a plan were planned in; `at` is the
-/// pointer to the cell.
+/// Warnings on a home that is not free in the scenes that the setups of a plan were planned in; `at` is the pointer to the cell.
 #[must_use]
 pub fn of_home(cell: &Cell, scenes: &[CollisionScene], clearance_mm: f64, at: &str) -> Vec<FieldWarning> {
     let mut contacts = Vec::new();
@@ -249,21 +335,19 @@ pub fn of_home(cell: &Cell, scenes: &[CollisionScene], clearance_mm: f64, at: &s
             contacts.push(contact);
         }
     }
-    let warning = |contact: Contact| FieldWarning {
-        code: WarningCode::HomeBlocked,
-        pointer: format!("{at}/home_deg"),
-        detail: format!(
-            "makes {contact} collide, or come closer than {clearance_mm} mm, the clearance of the plan, with the part on its plate: no \
-             path leads from home to any view"
-        ),
-        remedy: HOME_REMEDY.to_owned(),
+    let warning = |contact: Contact| {
+        let with_part = if contact.is_with_part() { ", with the part on its plate" } else { "" };
+        FieldWarning {
+            code: WarningCode::HomeBlocked,
+            pointer: format!("{at}/home_deg"),
+            detail: format!(
+                "makes {contact} collide, or come closer than {clearance_mm} mm, the clearance of the plan{with_part}: no path leads from \
+                 home to any view"
+            ),
+            remedy: home_remedy(&contact, clearance_mm),
+        }
     };
     contacts.into_iter().map(warning).collect()
-}
-
-/// The number without the digits that a turn into radians and back adds.
-fn fixed_number(value: f64) -> f64 {
-    (value * 1e6).round() / 1e6
 }
 
 /// Warnings on parameters before they are planned with; `at` is the pointer to them.
@@ -274,10 +358,12 @@ pub fn of_params(params: &PlanParams, at: &str) -> Vec<FieldWarning> {
         code: WarningCode::ToleranceBeyondNoise,
         pointer: format!("{at}/regions/features/{index}/tolerance_mm"),
         detail: format!(
-            "is {tolerance_mm} mm; the finest tolerance that this noise allows is {} mm, at best focus and perpendicular to the \
-             surface, so none of the feature will count as measured. A tolerance has to be at least 4 · regions.noise.best_mm ({} mm) / \
-             regions.noise.budget ({}){}",
+            "is {tolerance_mm} mm, in a drawing {} mm; the finest that this noise allows is {} mm, in a drawing ±{} mm, at best focus \
+             and perpendicular to the surface, so none of the feature will count as measured. It has to be at least 4 · \
+             regions.noise.best_mm ({} mm) / regions.noise.budget ({}){}",
+            limits_mm(tolerance_mm),
             rounded_up_mm(noise.min_tolerance_mm()),
+            rounded_up_mm(0.5 * noise.min_tolerance_mm()),
             fixed(noise.best_mm, 4),
             noise.budget,
             sources(noise)
@@ -306,7 +392,7 @@ pub fn of_spacing(params: &PlanParams, scanner: &Scanner, at: &str) -> Vec<Field
     spacings.filter(|(_, spacing_mm)| *spacing_mm < min_mm).map(warning).collect()
 }
 
-/// Warning on a goal that is none without a cell; `at` is the pointer to the parameters.
+/// Warning on a goal that has no meaning without a cell; `at` is the pointer to the parameters.
 #[must_use]
 pub fn of_goal(params: &PlanParams, has_cell: bool, at: &str) -> Option<FieldWarning> {
     (params.selection.goal == SelectionGoal::MinTime && !has_cell).then(|| FieldWarning {

@@ -4,9 +4,9 @@ use std::fmt::Write;
 
 use serde_json::Value;
 
-use crate::cell::PoseSpec;
-pub(crate) use crate::geometry::counted;
+use crate::cell::{Contact, PoseSpec};
 use crate::geometry::{Part, Pose, Table};
+pub(crate) use crate::geometry::{counted, listed};
 use crate::inspection::rescan::RescanStop;
 use crate::planning::context::NoPlan;
 use crate::planning::params::{Corners, OverlapParams, PlanParams, PoseErrorParams, RealismParams, SelectionGoal};
@@ -37,6 +37,13 @@ const SUM_SLACK: f64 = 1e-9;
 const MAX_PLAIN: f64 = 1e9;
 /// Share from which on a part of an area counts as all of it.
 const ALL: f64 = 1.0 - SUM_SLACK;
+
+/// Returns true for characters that no name may have: control characters, and those that turn the direction of the text after them (Unicode
+/// Standard Annex 9: embeddings, overrides and isolates), by which a name would rearrange the sentence that it stands in.
+#[must_use]
+pub fn is_control(character: char) -> bool {
+    character.is_control() || matches!(character, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
 
 /// Every parameter that differs from its default, by its dotted key in alphabetical order, with its value as JSON, cut
 /// where it is long. Defaults that were resolved (`part.patch_edge_mm` …) are among them.
@@ -393,10 +400,21 @@ pub fn noise_remark(region: &RegionCoverage, cause: Cause) -> Option<String> {
     }
     let below_grade_mm2: f64 = region.missed_mm2.iter().filter(|(missed, _)| *missed == cause).map(|(_, mm2)| mm2).sum();
     let part = if beyond_mm2 < below_grade_mm2 * ALL { format!(" on {} mm²", area_mm2(beyond_mm2)) } else { String::new() };
-    let min_mm = rounded_up_mm(region.min_tolerance_mm);
+    let min_mm = rounded_up_mm(0.5 * region.min_tolerance_mm);
     let is_own = region.tolerance_mm.is_some_and(|tolerance_mm| tolerance_mm < region.min_tolerance_mm);
     let tolerance = if is_own { "tolerance" } else { "the tolerance of a feature that overlaps it is" };
-    Some(format!("{tolerance} too fine for the scanner's noise{part}; the finest that this noise allows is {min_mm} mm"))
+    Some(format!("{tolerance} too fine for the scanner's noise{part}; the finest that this noise allows is ±{min_mm} mm"))
+}
+
+/// Formats the limits of a tolerance zone of this width as a drawing has them: ±0.150 of a zone of 0.3 mm. They have three decimals, or up
+/// to six where the limit has more: a limit is told as it is given.
+pub(crate) fn limits_mm(tolerance_mm: f64) -> String {
+    let limit_mm = 0.5 * tolerance_mm;
+    let micrometres = 1e3 * limit_mm;
+    // Six decimals hold three digits of the finest limit.
+    let is_finer = (micrometres - micrometres.round()).abs() > 1e-6;
+    let limit = if is_finer { fixed(limit_mm, 6).trim_end_matches('0').to_owned() } else { fixed(limit_mm, 3) };
+    format!("±{limit}")
 }
 
 /// Formats a length so that it is not below `length_mm`, with three decimals.
@@ -405,9 +423,20 @@ pub(crate) fn rounded_up_mm(length_mm: f64) -> String {
     fixed((length_mm * 1e3 - 1e-6).ceil() / 1e3, 3)
 }
 
-/// Remedy of a home at which two bodies meet with the part on its plate.
-pub(crate) const HOME_REMEDY: &str =
-    "give the cell a home farther from the part, such as one above it (home_deg; `vantage cell --home`)";
+/// Remedy of a home at which two bodies are closer together than a plan allows.
+pub(crate) fn home_remedy(bodies: &Contact, clearance_mm: f64) -> String {
+    if bodies.is_with_part() {
+        HOME_REMEDY.to_owned()
+    } else {
+        format!(
+            "give the cell another home: turn its joints until {bodies} are {clearance_mm} mm apart or more (home_deg; `vantage cell` \
+             finds one), or plan with a smaller motion.clearance_mm"
+        )
+    }
+}
+
+/// Remedy of a home at which part or fixture meets another body.
+const HOME_REMEDY: &str = "give the cell a home farther from the part, such as one above it (home_deg; `vantage cell --home`)";
 
 /// Remedy of area that more views would measure in a plan that was left short of its target by views without a path.
 pub(crate) const WITHOUT_PATH: &str = "views to which no collision-free path was found were left out; more views \
@@ -422,6 +451,7 @@ pub(crate) const RESCAN_WITHOUT_PATH: &str = "views to which no collision-free p
 pub fn advice_sentence(advice: &Advice) -> String {
     let text = match advice {
         Advice::MoveHome => HOME_REMEDY,
+        Advice::FreeHome { bodies, clearance_mm } => return home_remedy(bodies, *clearance_mm),
         Advice::ReduceClearance(max_mm) => {
             return format!("collision-free there with --set motion.clearance_mm={}", rounded_down(*max_mm, 1));
         }
@@ -480,6 +510,22 @@ pub fn percent_below(share: f64, limit: f64, decimals: usize) -> String {
     } else {
         text
     }
+}
+
+/// A share of a whole as a percentage with its sign and two decimals, as [`percent_below`] has it.
+pub(crate) fn percent(share: f64) -> String {
+    percent_to(share, 2)
+}
+
+/// A share of a whole as a percentage with its sign and so many decimals, as [`percent_below`] has it.
+pub(crate) fn percent_to(share: f64, decimals: usize) -> String {
+    format!("{} %", percent_below(share, 1.0, decimals))
+}
+
+/// The number with so many decimals, without the digits that a turn into radians and back adds. It is no negative zero.
+pub(crate) fn rounded_to(value: f64, decimals: i32) -> f64 {
+    let steps = 10_f64.powi(decimals);
+    (value * steps).round() / steps + 0.0
 }
 
 /// Formats `value` with so many decimals so that it is not above the value.

@@ -50,7 +50,7 @@ impl Album {
         &self.sampled.model
     }
 
-    /// True if back faces can be visible.
+    /// Returns true if back faces can be visible.
     pub(super) fn is_open(&self) -> bool {
         self.sampled.model.is_open
     }

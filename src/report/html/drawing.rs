@@ -36,19 +36,21 @@ const OFF: f64 = 46.0;
 const PX_PER_UNIT: f64 = 1.5;
 /// Margin around the rendered part, units.
 const MARGIN: f64 = 4.0;
-/// Lengths below this are none, mm.
-const NOTHING_MM: f64 = 0.05;
+/// Distance below which two marks of a dimension are one, mm.
+const SAME_MARK_MM: f64 = 0.05;
 /// Length of the drawn axes of the file.
 const AXIS: f64 = 26.0;
-/// Height and width that a number needs.
+/// Height that a number needs.
 const ROW: f64 = 20.0;
+/// Width that a number needs.
 const COLUMN: f64 = 50.0;
 /// Height of a title above what is drawn.
 const TITLE: f64 = 56.0;
 /// Share of the plate's diameter below which a part is drawn from above once more, enlarged: too small to tell which way it faces.
 const SMALL: f64 = 0.35;
-/// Size of the enlarged part, and of its drawing.
+/// Size of the enlarged part.
 const ENLARGED_PART: f64 = 300.0;
+/// Size of the drawing of the enlarged part.
 const ENLARGED: f64 = 480.0;
 
 /// A part where it lies.
@@ -397,7 +399,7 @@ impl Dimension {
 fn ticks([low_mm, high_mm]: [f64; 2]) -> Vec<f64> {
     let mut ticks = vec![low_mm, 0.0, high_mm];
     ticks.sort_by(f64::total_cmp);
-    ticks.dedup_by(|b, a| *b - *a < NOTHING_MM);
+    ticks.dedup_by(|b, a| *b - *a < SAME_MARK_MM);
     ticks
 }
 

@@ -1,10 +1,12 @@
 //! The page of an inspection, in the order in which users of measuring software read one: verdict, alignment, deviation, losses by
 //! cause, regions and features, what the scans teach about the scanner, files.
 
+mod features;
+
 use std::fmt::Write;
 
 use super::album::Album;
-use super::markup::{area, escape, grouped, number, percent, triple};
+use super::markup::{area, escape, grouped, number, percent, row, triple};
 use super::pictures::{PicturedPart, in_inks};
 use super::views::{swatch, three_sides, together};
 use super::{ReportSubject, sections};
@@ -20,7 +22,7 @@ use crate::rendering::{Ink, MissGroup, SampledModel};
 use crate::report::study::svg::Svg;
 use crate::wire::inspection::{
     AlignmentDocument, EstimateDocument, InspectionDocument, LearnedDocument, LossDocument, MeasuredCoverageDocument,
-    RateBinDocument, RegionDeviationDocument, StatisticsDocument, TakenScanDocument, ViewCoverageDocument, colour_limit_mm,
+    RateBinDocument, SIGN_SENTENCE, StatisticsDocument, TakenScanDocument, VerdictCounts, ViewCoverageDocument, colour_limit_mm,
     deviation_step, excluded_sentence, loss_phrase, remedy_words,
 };
 
@@ -62,16 +64,17 @@ pub fn inspection_html(report: &InspectionReport<'_>, ctx: &Context<'_>) -> Resu
     let (subject, document) = (&report.subject, report.document);
     let mut album = Album::new(SampledModel::new(subject.mesh, &report.inspection.surface, None, ctx)?);
     let dates = [("Date of the plan", report.planned_at), ("Date of the run", report.run_at)];
-    let own = facts(&document.coverage, document.scans.len(), &document.plan_sha256, dates);
+    let counted = (document.verdict_counts(), document.scans.len());
+    let own = facts(&document.coverage, counted, &document.plan_sha256, dates);
     let body = [
         sections::header(subject, "Inspection", &own),
         "<main>\n".to_owned(),
-        verdict(report),
+        features::result(document),
         alignment(report),
         deviation(report, &mut album),
         losses(report, &mut album),
         rounds(report, &mut album),
-        regions(report),
+        features::list(report),
         learned(report),
         views(&report.document.coverage.by_view),
         files(report),
@@ -89,19 +92,16 @@ fn table(head: &[&str], rows: &str) -> String {
     format!("<div class=\"card\"><table>\n<thead><tr>{head}</tr></thead>\n<tbody>\n{rows}</tbody>\n</table></div>\n")
 }
 
-fn row(cells: &[String]) -> String {
-    format!("<tr>{}</tr>\n", cells.iter().map(|cell| format!("<td>{cell}</td>")).collect::<String>())
-}
-
 /// Facts of an inspection beside those of its part; a date that is not known is left out.
 fn facts(
     coverage: &MeasuredCoverageDocument,
-    scans: usize,
+    (verdicts, scans): (Option<VerdictCounts>, usize),
     plan_sha256: &str,
     dates: [(&'static str, Option<&str>); 2],
 ) -> Vec<(&'static str, String)> {
     let known = dates.into_iter().filter_map(|(name, date)| Some((name, date.filter(|date| !date.is_empty())?)));
     let mut facts: Vec<_> = known.map(|(name, date)| (name, escape(&sections::date_text(date)))).collect();
+    facts.extend(verdicts.map(|verdicts| ("Features", verdicts.list())));
     facts.extend([
         ("Planned of asked", percent(coverage.planned_of_asked)),
         ("Measured of asked", percent(coverage.measured_of_asked)),
@@ -109,12 +109,6 @@ fn facts(
         ("SHA-256 of the plan", sections::digest(plan_sha256)),
     ]);
     facts
-}
-
-fn verdict(report: &InspectionReport<'_>) -> String {
-    let offers: String = report.document.offers.iter().map(|offer| format!("<li>{}</li>\n", escape(&offer.detail))).collect();
-    let offers = if offers.is_empty() { offers } else { format!("<h3>Before the next plan</h3>\n<ul>\n{offers}</ul>\n") };
-    format!("<section>\n<h2>Result</h2>\n<p>{}</p>\n{offers}</section>\n", escape(&report.document.verdict))
 }
 
 /// Sentences on where the part lies.
@@ -198,7 +192,7 @@ fn deviation_legend(limit_mm: f64) -> String {
 
 fn deviation(report: &InspectionReport<'_>, album: &mut Album) -> String {
     let (found, limit_mm) = (&report.document.deviation, colour_limit_mm(report.inspection));
-    let excluded = format!("<p>{}</p>\n", escape(&grouped(&excluded_sentence(found))));
+    let excluded = format!("<p>{SIGN_SENTENCE} {}</p>\n", escape(&grouped(&excluded_sentence(found))));
     let Some(figures) = &found.statistics else {
         return section("Deviation", &format!("<p>Nothing was measured.</p>\n{excluded}"));
     };
@@ -398,50 +392,6 @@ fn rounds(report: &InspectionReport<'_>, album: &mut Album) -> String {
     section("Before and after", &(pictures + &table(&["Measured", "Of asked"], &rows)))
 }
 
-fn regions(report: &InspectionReport<'_>) -> String {
-    let rows: String = report.document.deviation.regions.iter().map(region_row).collect();
-    if rows.is_empty() {
-        return rows;
-    }
-    let head = ["Region", "Verdict", "Tolerance, mm", "Measured", "Left out", "Largest, mm", "U (k = 2), mm"];
-    section(
-        "Regions and features",
-        &(table(&head, &rows)
-            + "<p>Verdicts follow ISO 14253-1. A region is <i>undecided</i> if its deviation is within its uncertainty of the limit, if too \
-         little of it is measured, or if some of its surface is <i>off</i>: points in front of it or behind it lie beyond the search \
-         distance; raise <code>compare.search_mm</code> so that it is judged. <i>Steep</i> points show a surface that is tilted too far \
-         from the model; where most points are steep and beyond the limit, the area counts as not measured. U includes the uncertainty \
-         of the poses of views that only the model constrains.</p>\n"
-            + &open_by_poses(&report.document.deviation.regions)),
-    )
-}
-
-/// Regions that only what is open of the poses keeps from passing, with the remedy.
-fn open_by_poses(regions: &[RegionDeviationDocument]) -> String {
-    let told = |region: &RegionDeviationDocument| {
-        crate::wire::inspection::open_poses_sentence(region)
-            .map(|sentence| format!("<li>{}: {}</li>\n", escape(&region.name), escape(&sentence)))
-    };
-    let told: String = regions.iter().filter_map(told).collect();
-    if told.is_empty() { told } else { format!("<ul>\n{told}</ul>\n") }
-}
-
-fn region_row(region: &RegionDeviationDocument) -> String {
-    let verdict = region.verdict.map_or("no tolerance", |verdict| verdict.as_str());
-    let mm = |value: Option<f64>| value.map_or("–".to_owned(), |value| number(value, 3));
-    let excluded = region.excluded;
-    let [points, steep, off] = [excluded.turned_of_points, excluded.turned_of_area, excluded.off_of_area].map(percent);
-    row(&[
-        escape(&region.name),
-        format!("<b>{verdict}</b>"),
-        mm(region.tolerance_mm),
-        percent(region.measured),
-        format!("{points} of the points steep; area: {steep} steep, {off} off"),
-        mm(region.statistics.map(|figures| figures.max_mm)),
-        mm(region.expanded_uncertainty_mm),
-    ])
-}
-
 fn learned(report: &InspectionReport<'_>) -> String {
     let learned = report.learned;
     let curves = [
@@ -537,12 +487,12 @@ fn scan_row(scan: &TakenScanDocument) -> String {
 mod tests {
     use super::*;
     use crate::cell::PoseSpec;
-    use crate::inspection::deviation::{Alignment, Conformity};
+    use crate::inspection::deviation::Alignment;
     use crate::inspection::ingest::{RemovedBecause, ScanFrame};
     use crate::inspection::registration::KeptPose;
     use crate::testing::{box_mesh, nominal_scanner};
     use crate::wire::echo::Echo;
-    use crate::wire::inspection::{ExcludedSharesDocument, RemovedDocument, RigidSdDocument, ViewAlignmentDocument};
+    use crate::wire::inspection::{RemovedDocument, RigidSdDocument, ViewAlignmentDocument};
 
     #[test]
     fn the_head_has_the_facts_of_the_plan_s_report_and_the_dates_that_are_known() {
@@ -574,8 +524,9 @@ mod tests {
             approximate: false,
             by_view: Vec::new(),
         };
+        let verdicts = VerdictCounts { fail: 1, pass: 2, undecided: 3 };
         let dates = [("Date of the plan", Some("2026-01-31T08:15:42Z")), ("Date of the run", Some(""))];
-        let own = facts(&coverage, 5, &"ab".repeat(32), dates);
+        let own = facts(&coverage, (Some(verdicts), 5), &"ab".repeat(32), dates);
         let head = sections::header(&subject, "Inspection", &own).replace('\u{a0}', " ");
         for said in [
             "<dt>Part number</dt><dd>PN-4711</dd>",
@@ -586,6 +537,7 @@ mod tests {
             "<dt>Date of the plan</dt><dd>2026-01-31 08:15 UTC</dd>",
             "<dt>Measured of asked</dt><dd>80.00 %</dd>",
             "<dt>Scans</dt><dd>5</dd>",
+            "<dt>Features</dt><dd>1 fail, 2 pass, 3 undecided</dd>",
             ">abababababab…</code>",
         ] {
             assert!(head.contains(said), "{said:?} is not in {head}");
@@ -691,25 +643,5 @@ mod tests {
         assert!(no_spot(0.0).contains("No spot deviates"), "{}", no_spot(0.0));
         let told = no_spot(0.03).replace('\u{a0}', " ");
         assert!(!told.contains("No spot deviates") && told.contains("3.00 % of the area lies beyond"), "{told}");
-    }
-
-    #[test]
-    fn a_region_tells_what_its_verdict_leaves_out() {
-        let region = RegionDeviationDocument {
-            name: "top".into(),
-            tolerance_mm: Some(0.1),
-            measured: 0.9,
-            excluded: ExcludedSharesDocument { turned_of_points: 0.25, turned_of_area: 0.05, off_of_area: 0.03 },
-            verdict: Some(Conformity::Undecided),
-            expanded_uncertainty_mm: Some(0.25),
-            pose_uncertainty_mm: Some(0.24),
-            is_open_by_poses: true,
-            statistics: None,
-        };
-        let row = region_row(&region).replace('\u{a0}', " ");
-        assert!(row.contains("25.00 % of the points steep; area: 5.00 % steep, 3.00 % off"), "{row}");
-        let told = open_by_poses(std::slice::from_ref(&region));
-        assert!(told.contains("<li>top: U is mostly due to the poses of the views (± 0.240 mm)"), "{told}");
-        assert_eq!(open_by_poses(&[RegionDeviationDocument { is_open_by_poses: false, ..region }]), "");
     }
 }

@@ -1,6 +1,6 @@
 //! Helpers that all sections of a page share: escaping of text, and numbers formatted for people.
 
-use crate::wire::words::{self, by_thousands, fixed};
+use crate::wire::words::{self, by_thousands, fixed, is_control};
 
 /// Head of an option of the command line that sets a parameter.
 const SET: &str = "--set ";
@@ -17,7 +17,7 @@ pub(in crate::report) fn escape(text: &str) -> String {
             '"' => safe.push_str("&quot;"),
             '\'' => safe.push_str("&#39;"),
             '\t' | '\n' | '\r' => safe.push(' '),
-            c if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}') => {
+            c if is_control(c) || matches!(c, '\u{fffe}' | '\u{ffff}') => {
                 safe.push('\u{fffd}');
             }
             c => safe.push(c),
@@ -92,6 +92,11 @@ pub(in crate::report) fn edges(edges_mm: [f64; 3]) -> String {
     const LONG_MM: f64 = 10_000.0;
     let decimals = usize::from(edges_mm.iter().all(|edge_mm| *edge_mm < LONG_MM));
     format!("{}\u{a0}mm", edges_mm.map(|edge_mm| number(edge_mm, decimals)).join(" × "))
+}
+
+/// Formats a row of a table, of cells that are markup.
+pub(in crate::report) fn row(cells: &[String]) -> String {
+    format!("<tr>{}</tr>\n", cells.iter().map(|cell| format!("<td>{cell}</td>")).collect::<String>())
 }
 
 /// Formats a share as a percentage with two decimals.

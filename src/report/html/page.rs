@@ -1,6 +1,7 @@
 //! The frame of the page.
 
 use super::markup::escape;
+use crate::wire::words::is_control;
 
 const STYLE: &str = include_str!("style.css");
 /// Policy that keeps the page from running scripts and loading files, should a name ever slip through unescaped.
@@ -32,7 +33,7 @@ fn css_string(text: &str) -> String {
     for character in text.chars() {
         match character {
             c if c.is_ascii_alphanumeric() => string.push(c),
-            c if c.is_control() || matches!(c, '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}') => string.push_str("\\fffd "),
+            c if is_control(c) => string.push_str("\\fffd "),
             c => string.push_str(&format!("\\{:x} ", u32::from(c))),
         }
     }

@@ -6,9 +6,9 @@ use super::views::swatch;
 use super::words;
 use crate::planning::plan::{Cause, RegionCoverage, RegionKind};
 use crate::rendering::{Ink, MissGroup};
-use crate::report::text::{reached_percent, tolerance_text};
+use crate::report::text::reached_percent;
 use crate::wire::plan::RegionCoverageDocument;
-use crate::wire::words::{NOTHING_IN_REGION, asked_name, independent_share, noise_remark};
+use crate::wire::words::{NOTHING_IN_REGION, asked_name, independent_share, limits_mm, noise_remark};
 
 /// The section; empty if there are no regions.
 pub(super) fn section(input: &ReportInput<'_>) -> String {
@@ -61,7 +61,7 @@ fn row(region: &RegionCoverage, is_of_open: bool) -> String {
         RegionKind::Interest => "Region of interest",
         RegionKind::Feature => "Feature",
     };
-    let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {}\u{a0}mm", tolerance_text(mm)));
+    let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {}\u{a0}mm", limits_mm(mm)));
     let is_nothing_open = is_of_open && region.samples == 0;
     let verdict = match region.is_met() {
         _ if is_nothing_open => "Met",

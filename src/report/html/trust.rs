@@ -4,7 +4,8 @@
 use super::ReportInput;
 use super::markup::{duration, escape, number, percent, prose};
 use super::sections::digest;
-use crate::planning::params::PlanParams;
+use crate::cell::CalibrationProvenance;
+use crate::planning::params::{PlanParams, PoseErrorParams};
 use crate::planning::plan::{Bound, Drawn, Robust};
 use crate::planning::sequence::Sequence;
 use crate::report::text::holds_grades;
@@ -18,9 +19,10 @@ pub(super) fn section(input: &ReportInput<'_>) -> String {
     let plan = &input.outcome.plan;
     let robust = plan.coverage.robust.as_ref();
     let asked = asked_name(plan.coverage.is_of_open);
+    let calibrated = input.subject.cell.and_then(|cell| cell.calibrated.as_ref());
     let robust = robust.map_or_else(String::new, |robust| {
         fragile(&plan.params, robust, plan.coverage.is_of_open)
-            + &under_pose_errors(robust, asked)
+            + &under_pose_errors(robust, asked, source_of(&robust.pose_error, calibrated))
             + moved_along(input.subject.cell.is_some())
     });
     format!(
@@ -168,7 +170,7 @@ fn files(input: &ReportInput<'_>) -> String {
 }
 
 /// Coverage under pose errors, with the 5th percentile where some kind has draws enough for one.
-fn under_pose_errors(robust: &Robust, asked: &str) -> String {
+fn under_pose_errors(robust: &Robust, asked: &str, source: &str) -> String {
     let kinds = [
         ("Every view, independently", &robust.views),
         ("The part and its support, as one", &robust.part),
@@ -186,11 +188,20 @@ fn under_pose_errors(robust: &Robust, asked: &str) -> String {
     let p5 = if tells_p5 { "<th class=\"n\">5th percentile</th>" } else { "" };
     format!(
         "<h3>Coverage under pose errors</h3>\n<p>Measured share of the {asked} area if poses are off by {angle_deg}° about a random axis \
-         and by {shift_mm}\u{a0}mm in a random direction:</p>\n<div class=\"card scroll\"><table>\n\
+         and by {shift_mm}\u{a0}mm in a random direction{source}:</p>\n<div class=\"card scroll\"><table>\n\
          <thead><tr><th>Error of</th><th class=\"n\">Draws</th><th class=\"n\">Nominal</th><th class=\"n\">Mean</th>{p5}\
          <th class=\"n\">Worst of the draws</th></tr></thead>\n<tbody>\n{}</tbody></table></div>\n",
         kinds.map(row).concat()
     )
+}
+
+/// Says that the error is that of the cell's calibration; empty where it was given or is the default.
+fn source_of(error: &PoseErrorParams, calibrated: Option<&CalibrationProvenance>) -> &'static str {
+    if calibrated.is_some_and(|known| PoseErrorParams::of_calibration(known) == *error) {
+        " (twice the standard deviations of the cell's calibration or twice its residuals, whichever are larger)"
+    } else {
+        ""
+    }
 }
 
 /// Says what is off with the part; empty without a cell, where nothing carries it.
@@ -220,14 +231,14 @@ fn fragile(params: &PlanParams, robust: &Robust, is_of_open: bool) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::planning::params::PoseErrorParams;
 
     #[test]
     fn the_column_of_the_5th_percentile_is_left_out_where_no_kind_has_20_draws() {
         let drawn = |draws: usize| Drawn::new(0.97, vec![0.95; draws]);
         let table = |part_draws: usize| {
             let pose_error = PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 };
-            under_pose_errors(&Robust { pose_error, views: drawn(6), part: drawn(part_draws), hand_eye: drawn(12) }, "asked")
+            let robust = Robust { pose_error, views: drawn(6), part: drawn(part_draws), hand_eye: drawn(12) };
+            under_pose_errors(&robust, "asked", "")
         };
         let few = table(12);
         assert!(!few.contains("5th percentile") && !few.contains('–'), "{few}");
@@ -236,11 +247,25 @@ mod tests {
         assert!(many.contains("5th percentile") && many.matches("<td class=\"n\">–</td>").count() == 2, "{many}");
     }
 
+    /// The error of a calibrated cell was told as if the user had asked for it.
+    #[test]
+    fn an_error_that_is_the_calibrations_says_so() {
+        let calibrated: CalibrationProvenance = serde_json::from_value(serde_json::json!({
+            "by": "vantage", "at": "2026-11-20T09:00:00Z", "calibration_id": "ab", "data_sha256": "cd", "rms_rotation_deg": 0.01,
+            "rms_translation_mm": 0.1, "point_sd_mm": 0.05, "rotation_sd_deg": 0.005, "translation_sd_mm": 0.04
+        }))
+        .expect("a provenance");
+        let of_calibration = PoseErrorParams::of_calibration(&calibrated);
+        assert!(source_of(&of_calibration, Some(&calibrated)).contains("cell's calibration"));
+        let own = PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 };
+        assert_eq!([source_of(&own, Some(&calibrated)), source_of(&of_calibration, None)], ["", ""]);
+    }
+
     /// "The part as a whole" was told of draws in which the plate moves along, and read as a part that is put down wrongly.
     #[test]
     fn an_error_of_the_part_says_what_moves_along() {
         let (pose_error, drawn) = (PoseErrorParams { angle_deg: 1.0, translation_mm: 1.0 }, || Drawn::new(0.97, vec![0.95; 12]));
-        let table = under_pose_errors(&Robust { pose_error, views: drawn(), part: drawn(), hand_eye: drawn() }, "asked");
+        let table = under_pose_errors(&Robust { pose_error, views: drawn(), part: drawn(), hand_eye: drawn() }, "asked", "");
         assert!(table.contains("<td>The part and its support, as one</td>") && !table.contains("as a whole"), "{table}");
         assert!(moved_along(true).contains("The support is the plate") && moved_along(false).is_empty());
     }

@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 
 use crate::cell::calibration::brightness::{BrightnessLevels, BrightnessSweep, LevelCapture};
 use crate::cell::{ExposureSpec, FieldError};
+use crate::wire::words::rounded_to;
 
 /// Schema name of the result.
 pub const BRIGHTNESS_SCHEMA: &str = "vantage.brightness/1";
@@ -104,7 +105,7 @@ pub struct BrightnessDocument {
 
 impl BrightnessDocument {
     fn of(levels: &BrightnessLevels, full_scale: f64) -> Self {
-        let rounded = |value: f64| (value * 1e6).round() / 1e6;
+        let rounded = |value: f64| rounded_to(value, 6);
         Self {
             schema: BRIGHTNESS_SCHEMA.to_owned(),
             exposure: ExposureSpec {

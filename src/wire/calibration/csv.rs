@@ -6,7 +6,7 @@ use super::data::{CalibrationData, ObservationDocument};
 use super::foreign::{RobotPoseKind, of_observations};
 use super::pose::ObservedPose;
 use crate::cell::calibration::data::HandEyeSetup;
-use crate::cell::{FieldError, Findings, did_you_mean};
+use crate::cell::{FieldError, Findings, decimal_comma_advice, did_you_mean};
 use crate::wire::words::counted;
 
 /// Columns that are read.
@@ -118,7 +118,9 @@ impl Row<'_> {
     fn number(&self, name: &str, findings: &mut Findings) -> Option<f64> {
         let cell = self.cell(name)?;
         let number = cell.parse::<f64>().ok().filter(|number| number.is_finite());
-        findings.require(number.is_some(), format!("/{}/{name}", self.row), || format!("is {cell:?}; a finite number is needed"));
+        findings.require(number.is_some(), format!("/{}/{name}", self.row), || {
+            format!("is {cell:?}; a finite number is needed{}", decimal_comma_advice(cell))
+        });
         number
     }
 

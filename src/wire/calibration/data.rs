@@ -355,6 +355,9 @@ impl CalibrationData {
         let face = self.face(cell, solve)?;
         let scanner_from_cloud = *self.cloud_frame(cell).scanner_from_cloud(&cell.scanner.devices).isometry();
         let best = Point3::new(0.0, 0.0, cell.scanner.best_mm);
+        let is_still = solve == Solve::HandEye && self.setup == HandEyeSetup::EyeInHand;
+        let turned_rad =
+            if is_still { self.observations.iter().map(|each| each.table_angle_deg.to_radians()).collect() } else { Vec::new() };
         let task = Task {
             sightings: read.sightings,
             joints_rad: read.joints_rad,
@@ -375,6 +378,7 @@ impl CalibrationData {
             limits: UncertaintyLimits::default(),
             runout: cell.turntable.runout.clone(),
             face,
+            turned_rad,
         };
         Ok((task, read.findings))
     }

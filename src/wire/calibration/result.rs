@@ -26,10 +26,6 @@ pub const CALIBRATION_SCHEMA: &str = "vantage.calibration/1";
 const ORDER: &str = "rx ry rz tx ty tz, body, rad mm; joint: hand_eye 6, table rx ry tx ty, board 6";
 /// Unknowns of the joint covariance.
 const JOINT: usize = 16;
-/// Parts into which the four deviations that are estimated together divide their degrees of freedom, for the statistic of a check.
-/// With 3, checks with a stated rate of 1 % raised false alarms at 0.9, 0.4, 0.9 and 0.6 % after 6, 8, 12 and 16 observations, and
-/// with 2 at up to 2.4 % (simulated, 700 each).
-const ESTIMATED_PARTS: f64 = 3.0;
 
 schema_name!(CalibrationSchema, CALIBRATION_SCHEMA);
 
@@ -462,15 +458,9 @@ impl CalibrationDocument {
             Solve::Table => Free::TABLE,
             Solve::Joint => Free::JOINT,
         };
-        let parts = match self.arm_sigma_source {
-            Some(SigmaSource::Estimated) => ESTIMATED_PARTS,
-            None if self.sigma_estimated => ESTIMATED_PARTS,
-            // One factor for all of them.
-            Some(SigmaSource::Assumed | SigmaSource::Enlarged) => 1.0,
-            Some(SigmaSource::Given | SigmaSource::Unused) | None => return None,
-        };
+        let of_earlier = if self.sigma_estimated { SigmaSource::Estimated } else { SigmaSource::Given };
         let freedom = self.summary.used.saturating_mul(6).saturating_sub(free.count());
-        Some((freedom as f64 / parts).max(1.0))
+        self.arm_sigma_source.unwrap_or(of_earlier).freedom(freedom)
     }
 
     /// Covariance of X.

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use super::*;
 use crate::cell::calibration::check::{Check, CheckLimits, CheckVerdict, Checked};
 use crate::cell::calibration::data::{HandEyeSetup, SigmaSource, Solve};
-use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode, Severity};
+use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode, Severity, Subject};
 use crate::cell::calibration::lens::LensParameters;
 use crate::cell::calibration::se3::{exp, twist};
 use crate::cell::{CalibrationObjection, Cell, Presets, SpecLibrary, UseConditions};
@@ -182,7 +182,7 @@ fn shifted(mm: [f64; 3]) -> Isometry3<f64> {
 }
 
 /// Mistakes that people make with good data: code or pointer that comes first, and words of its sentence.
-const MISTAKES: [(&str, &str, Change); 25] = [
+const MISTAKES: [(&str, &str, Change); 27] = [
     ("too_few", "2 observations; at least 3", |d| d["observations"].as_array_mut().expect("a list").truncate(2)),
     ("unit_mismatch", "× smaller than the others", |d| scale(&mut d["observations"][4]["cloud_from_board"], 1e-3)),
     ("unit_mismatch", "× smaller than the scanner's distance", |d| each(d, |_, o| scale(&mut o["cloud_from_board"], 1e-3))),
@@ -222,6 +222,18 @@ const MISTAKES: [(&str, &str, Change); 25] = [
         each(d, |_, o| {
             moved(&mut o["cloud_from_board"], |pose| Isometry3::from_parts(pose.translation, pose.rotation.inverse()))
         });
+    }),
+    ("quaternion_order", "quaternions of cloud_from_board read as w, x, y, z: give them as x, y, z, w", |d| {
+        each(d, |_, o| {
+            let pose = ObservedPose::of(&isometry(&o["cloud_from_board"]));
+            let [x, y, z, w] = pose.quaternion_xyzw.expect("a quaternion");
+            o["cloud_from_board"] = json!({"translation_mm": pose.translation_mm, "quaternion_xyzw": [w, x, y, z]});
+        });
+    }),
+    ("out_of_step", "shifted by one observation: the records are out of step", |d| {
+        let boards: Vec<Value> =
+            d["observations"].as_array().expect("a list").iter().map(|o| o["cloud_from_board"].clone()).collect();
+        each(d, |index, o| o["cloud_from_board"] = boards[(index + 1) % boards.len()].clone());
     }),
     ("duplicate_pose", "are the same to within", |d| {
         d["observations"][7] = d["observations"][2].clone();
@@ -311,7 +323,7 @@ const FIELDS: [(&str, &str, Change); 24] = [
     ("/plate/0", "needs one of joints_deg", |d| d["plate"] = json!([{"points_mm": [[0, 0, 480], [1, 0, 480], [0, 1, 480]]}])),
 ];
 
-/// Row C13: forty-nine files of ours, each told what it looks like first, and the good one told nothing.
+/// Row C13: fifty-one files of ours, each told what it looks like first, and the good one told nothing.
 #[test]
 fn mistaken_observations_are_told_what_they_look_like() {
     let cell = cell();
@@ -431,12 +443,14 @@ fn every_finding_has_a_sentence() {
         count: Some(5),
         held_out: Some(2),
         given: Some(7),
+        needed: Some(6),
         ratio: Some(1.01),
         turn_rad: Some(0.01),
         other_turn_rad: Some(-0.01),
         length_mm: Some(2.1),
         other_length_mm: Some(0.4),
         vector: Some(Vector3::z()),
+        subject: Some(Subject::Board),
         joint: Some(2),
         temperatures_c: Some([31.0, 22.4]),
     };
@@ -457,6 +471,58 @@ fn every_finding_has_a_sentence() {
     assert!(of(FindingCode::TooFew).starts_with("5 observations remain of 7, since 2 are held out; at least 3 are needed"));
     assert!(of(FindingCode::BoardScaleNotConverged).contains("did not converge in 5 rounds"));
     assert!(of(FindingCode::DegenerateMotion).contains("along z"));
+    let judged = "the 5 of 7 observations that agree best";
+    let contradict = format!("{judged} contradict each other by 2.1 mm, root mean square: check");
+    assert!(of(FindingCode::NoConsensus).starts_with(&contradict), "{}", of(FindingCode::NoConsensus));
+    let held =
+        format!("{judged} differ by 2.10 mm, root mean square, and the table's axis has a standard deviation of 0.40 mm and ");
+    assert!(
+        of(FindingCode::ScannerHeld).starts_with(&held) && of(FindingCode::ScannerHeld).contains("may be off: solve for joint")
+    );
+    assert!(of(FindingCode::BoardTurned).ends_with("by 0.40 mm if the board turned with the table: solve for joint"));
+    let figures = Figures { length_mm: Some(25.4), subject: Some(Subject::Flange), count: Some(5), ..Figures::default() };
+    let told = sentence(&CalibrationFinding::new(FindingCode::UnitMismatch, Severity::Error).with(figures));
+    assert_eq!(
+        told,
+        "translations of base_from_flange agree with all other lengths if they are in inches rather than millimetres"
+    );
+}
+
+/// A residual of the observations that agree was told as that of all of them.
+#[test]
+fn a_contradiction_tells_how_many_of_the_observations_it_is_of() {
+    let told = |code: FindingCode, count: usize, length_mm: Option<f64>| {
+        let figures = Figures { count: Some(count), given: Some(15), length_mm, ..Figures::default() };
+        sentence(&CalibrationFinding::new(code, Severity::Error).with(figures))
+    };
+    for code in [FindingCode::NoConsensus, FindingCode::ScannerHeld] {
+        let (some, all) = (told(code, 9, Some(4.1)), told(code, 15, Some(4.1)));
+        assert!(some.starts_with("the 9 of 15 observations that agree best "), "{some}");
+        assert!(all.starts_with("the observations "), "{all}");
+    }
+    assert!(told(FindingCode::NoConsensus, 3, None).starts_with("only 3 of 15 observations agree with each other: check"));
+}
+
+/// A cause was named by chance of so few, and how many tell one was told nowhere.
+#[test]
+fn too_few_observations_to_name_a_cause_are_told_with_how_many_do() {
+    let told = |code: FindingCode, needed: Option<usize>| {
+        let figures = Figures {
+            count: Some(4),
+            given: Some(4),
+            needed,
+            length_mm: Some(61.0),
+            other_turn_rad: Some(0.1),
+            turn_rad: Some(1.0),
+            ..Figures::default()
+        };
+        sentence(&CalibrationFinding::new(code, Severity::Error).with(figures))
+    };
+    let [few, enough] = [Some(6), None].map(|needed| told(FindingCode::NoConsensus, needed));
+    assert!(few.ends_with(" and robot model; give at least 6 to have the cause named"), "{few}");
+    assert!(enough.ends_with(" and robot model"), "{enough}");
+    let motion = told(FindingCode::DegenerateMotion, Some(6));
+    assert!(motion.ends_with("; take more poses (at least 6), and find out why they disagree"), "{motion}");
 }
 
 /// The limits that a motion was refused by were not told.

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode};
+use crate::cell::calibration::findings::{CalibrationFinding, Figures, FindingCode, Subject};
 use crate::cell::calibration::observability::{MIN_SPREAD_RAD, UncertaintyLimits};
 use crate::wire::words::{counted, fixed};
 
@@ -13,12 +13,16 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
     let figures = &finding.figures;
     match finding.code {
         FindingCode::DegenerateMotion | FindingCode::WeakMotion => of_motion(finding.code, figures),
-        FindingCode::ToolActive
-        | FindingCode::WrongRobotModel
-        | FindingCode::JointOrder
-        | FindingCode::AngleUnit
-        | FindingCode::OutOfStep => of_arm(finding.code, figures),
-        FindingCode::Inverted | FindingCode::OtherSetup | FindingCode::Transposed => of_reading(finding.code, figures),
+        FindingCode::OutOfStep if figures.subject.is_none() => of_arm(finding.code, figures),
+        FindingCode::ToolActive | FindingCode::WrongRobotModel | FindingCode::JointOrder | FindingCode::AngleUnit => {
+            of_arm(finding.code, figures)
+        }
+        FindingCode::Inverted
+        | FindingCode::OtherSetup
+        | FindingCode::Transposed
+        | FindingCode::QuaternionOrder
+        | FindingCode::OutOfStep
+        | FindingCode::BoardTurned => of_reading(finding.code, figures),
         FindingCode::TableSign | FindingCode::TableScale | FindingCode::TableStill => of_table(finding.code, figures),
         FindingCode::BoardScale => of_board(figures),
         FindingCode::BadPose
@@ -28,17 +32,7 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
         | FindingCode::DuplicatePose
         | FindingCode::HeldOutDisagrees => of_poses(finding.code, &about, figures),
         FindingCode::TooFew => of_count(figures),
-        FindingCode::UnitMismatch => {
-            let ratio = figures.ratio.unwrap_or(f64::NAN);
-            let size = if ratio >= 1.0 { format!("{ratio:.0} × smaller") } else { format!("{:.0} × larger", ratio.recip()) };
-            let than = if figures.count.is_some() { "than the scanner's distance" } else { "than the others" };
-            let unit = match ratio.max(ratio.recip()) {
-                centimetres if centimetres < 16.0 => "centimetres",
-                inches if inches < 60.0 => "inches",
-                _ => "metres",
-            };
-            format!("translations of {about} are {size} {than}: are they in {unit} rather than millimetres?")
-        }
+        FindingCode::UnitMismatch => of_unit(&about, figures),
         FindingCode::SigmaTooSmall => format!(
             "the observations scatter {:.1} × more than the given sigma: leave sigma out to have it estimated",
             figures.ratio.unwrap_or(f64::NAN)
@@ -64,6 +58,7 @@ pub fn sentence(finding: &CalibrationFinding) -> String {
             figures.count.unwrap_or(0)
         ),
         FindingCode::NoConsensus => of_consensus(figures),
+        FindingCode::ScannerHeld => of_held_scanner(figures),
     }
 }
 
@@ -85,12 +80,70 @@ fn of_count(figures: &Figures) -> String {
     format!("{observations}{remain}; at least 3 are needed, preferably 12, with rotations of the arm about two axes")
 }
 
+/// Field that a finding is about.
+fn field(subject: Option<Subject>) -> &'static str {
+    match subject {
+        Some(Subject::Board) => "cloud_from_board",
+        Some(Subject::Flange) => "base_from_flange",
+        Some(Subject::Table) => "table_angle_deg",
+        None => "the poses",
+    }
+}
+
+fn of_unit(about: &str, figures: &Figures) -> String {
+    let name = |unit_mm: f64| match unit_mm {
+        centimetres if centimetres < 16.0 => "centimetres",
+        inches if inches < 60.0 => "inches",
+        _ => "metres",
+    };
+    let Some(ratio) = figures.ratio else {
+        let (field, unit) = (field(figures.subject), name(figures.length_mm.unwrap_or(f64::NAN)));
+        return format!("translations of {field} agree with all other lengths if they are in {unit} rather than millimetres");
+    };
+    let size = if ratio >= 1.0 { format!("{ratio:.0} × smaller") } else { format!("{:.0} × larger", ratio.recip()) };
+    let than = if figures.count.is_some() { "than the scanner's distance" } else { "than the others" };
+    let unit = name(figures.length_mm.unwrap_or(ratio.max(ratio.recip())));
+    format!("translations of {about} are {size} {than}: are they in {unit} rather than millimetres?")
+}
+
+/// Observations that a residual is of: those that were used, with their number where some were dropped.
+fn judged(figures: &Figures) -> String {
+    match figures.count.zip(figures.given) {
+        Some((used, given)) if used < given => format!("the {used} of {given} observations that agree best"),
+        Some(_) | None => "the observations".to_owned(),
+    }
+}
+
 fn of_consensus(figures: &Figures) -> String {
+    if let Some(mm) = figures.length_mm {
+        let judged = judged(figures);
+        let few = figures.needed.map_or_else(String::new, |needed| format!("; give at least {needed} to have the cause named"));
+        return format!(
+            "{judged} contradict each other by {mm:.1} mm, root mean square: check that board, arm and table of each \
+             observation belong together, that the board did not move (or turned with the table, with solve = joint), and units, \
+             conventions and robot model{few}"
+        );
+    }
     let agreeing = match figures.count.unwrap_or(0) {
         0 | 1 => "no two".to_owned(),
         count => format!("only {count}"),
     };
-    format!("{agreeing} observations agree with each other: check robot model, board and order of the observations")
+    let of = figures.given.map_or_else(String::new, |given| format!(" of {given}"));
+    format!("{agreeing}{of} observations agree with each other: check robot model, board and order of the observations")
+}
+
+fn of_held_scanner(figures: &Figures) -> String {
+    let rms = figures.length_mm.map(|mm| format!("{} differ by {} mm, root mean square", judged(figures), fixed(mm, 2)));
+    let sd = figures.other_length_mm.zip(figures.other_turn_rad).map(|(mm, rad)| {
+        let deg = fixed(rad.to_degrees(), 3);
+        format!("the table's axis has a standard deviation of {} mm and {deg}°", fixed(mm, 2))
+    });
+    let known: Vec<String> = rms.into_iter().chain(sd).collect();
+    let known = if known.is_empty() { String::new() } else { known.join(", and ") + ": " };
+    format!(
+        "{known}turn the table further if it turned by less than 60°; else the scanner's pose, held as the cell has it, \
+         may be off: solve for joint, or check the order of the observations if the scanner is calibrated"
+    )
 }
 
 fn of_motion(code: FindingCode, figures: &Figures) -> String {
@@ -115,9 +168,12 @@ fn of_motion(code: FindingCode, figures: &Figures) -> String {
     // Wide enough turns leave the residuals for a reason.
     let is_wide = spread >= 20.0;
     let advice = match (code, is_wide) {
-        (FindingCode::WeakMotion, _) => "more tilt or more poses would help",
-        (_, true) => "take more poses, and find out why they disagree",
-        (_, false) => "tilt the arm by 20° or more",
+        (FindingCode::WeakMotion, _) => "more tilt or more poses would help".to_owned(),
+        (_, true) => {
+            let least = figures.needed.map_or_else(String::new, |needed| format!(" (at least {needed})"));
+            format!("take more poses{least}, and find out why they disagree")
+        }
+        (_, false) => "tilt the arm by 20° or more".to_owned(),
     };
     let only = if is_wide { "" } else { "only " };
     let least_deg = MIN_SPREAD_RAD.to_degrees();
@@ -173,7 +229,16 @@ fn of_reading(code: FindingCode, figures: &Figures) -> String {
             },
             stands,
         ),
-        _ => "with a rotation transposed: its columns were written as rows".to_owned(),
+        FindingCode::QuaternionOrder => {
+            let field = field(figures.subject);
+            format!("with the quaternions of {field} read as w, x, y, z: give them as x, y, z, w")
+        }
+        FindingCode::OutOfStep => {
+            let field = field(figures.subject);
+            format!("with {field} shifted by one observation: the records are out of step")
+        }
+        FindingCode::BoardTurned => "if the board turned with the table: solve for joint".to_owned(),
+        _ => format!("with the rotations of {} transposed: their columns were written as rows", field(figures.subject)),
     };
     format!("the boards disagree by {given:.1} mm as given, and by {other:.2} mm {reading}")
 }

@@ -31,7 +31,8 @@ pub struct AlignmentDocument {
     /// Reason for which the alignment counts as not found, so that the pose of the part is unknown; `null` if it was found.
     #[serde(default)]
     pub not_found: Option<PartNotFound>,
-    /// Share of all points that lie on the part.
+    /// Share of all points that lie on the part. If its place was searched for, points of scans that fit nowhere and were left out count
+    /// too.
     pub inlier_share: f64,
     /// Registered pose of each scan.
     pub views: Vec<ViewAlignmentDocument>,
@@ -84,7 +85,7 @@ impl AlignmentDocument {
     /// Reason for which the alignment counts as not found, also of a document from before [`Self::not_found`] was introduced.
     #[must_use]
     pub fn why_not_found(&self) -> Option<PartNotFound> {
-        why_not_found(self.inlier_share, self.views.iter().map(|view| view.kept_pose))
+        self.not_found.or_else(|| why_not_found(self.inlier_share, self.views.iter().map(|view| view.kept_pose)))
     }
 
     /// Words on points that are too few to hold the part in place.

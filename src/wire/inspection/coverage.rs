@@ -218,7 +218,7 @@ pub fn loss_sentence(cause: LossCause) -> &'static str {
         LossCause::Dark => "too little light returns: scan brighter, or spray the part",
         LossCause::Saturated => "too much light returns: scan darker, or spray the part",
         LossCause::DepthBlur => "nearer or farther than this scanner can measure: plan with the identified depth, or add a view",
-        LossCause::Sparse => "too few points lie around it: add a view that faces it",
+        LossCause::Sparse => "too few points lie there: export the scan with all of its points, or add a view that faces it",
         LossCause::Noisy => "its points scatter more than the plan expects: add a view at best focus",
         LossCause::Filtered => "its points were removed when the scan was cleaned",
         LossCause::Unexplained => "none of the known causes applies",

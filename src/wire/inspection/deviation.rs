@@ -4,12 +4,14 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::cell::PoseSpec;
+use crate::inspection::coverage::CompareParams;
+use crate::inspection::deviation::align::HELD_TO_MM;
 use crate::inspection::deviation::{
-    Alignment, Conformity, DeviationSpot, DeviationStatistics, ExcludedShares, Extent, MAX_TURN_DEG, MaterialKind, OffSurface,
-    RegionDeviation,
+    Alignment, Conformity, DeviationOptions, DeviationSpot, DeviationStatistics, ExcludedShares, Extent, MAX_TURN_DEG,
+    MIN_TO_FAIL, MaterialKind, OffSurface, OpenPart, RegionDeviation, UndecidedBecause,
 };
 use crate::inspection::{DeviationFigures, Inspection};
-use crate::wire::words::percent_below;
+use crate::wire::words::{area_mm2, counted, fixed, limits_mm, percent, percent_below};
 
 /// Deviation of the surface from its model. Distances are along the outward normal: above 0 is more material than nominal.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -107,7 +109,7 @@ pub struct ExtentDocument {
 pub struct RegionDeviationDocument {
     /// Name of the region or feature.
     pub name: String,
-    /// Width of the tolerance zone; `null` without one.
+    /// Width of the tolerance zone, from limit to limit: 0.3 for ±0.15 mm in a drawing; `null` without one.
     pub tolerance_mm: Option<f64>,
     /// Share of its asked area that is measured.
     pub measured: f64,
@@ -124,8 +126,34 @@ pub struct RegionDeviationDocument {
     /// True if the uncertainty of poses and alignment alone keeps the region from passing.
     #[serde(default)]
     pub is_open_by_poses: bool,
+    /// Surface that keeps an undecided region from passing; `null` where there is none, and in inspections of earlier releases.
+    #[serde(default)]
+    pub open: Option<OpenPartDocument>,
+    /// Reason why a region with samples that fail is undecided; `null` elsewhere, and in inspections of earlier releases.
+    #[serde(default)]
+    pub undecided_because: Option<UndecidedBecause>,
+    /// Number of its samples that are measured; `null` in inspections of earlier releases.
+    #[serde(default)]
+    pub measured_samples: Option<usize>,
+    /// Share of its area that is shown to conform; `null` without a tolerance, and in inspections of earlier releases.
+    #[serde(default)]
+    pub conforming: Option<f64>,
     /// Statistics; `null` where nothing is measured.
     pub statistics: Option<StatisticsDocument>,
+}
+
+/// Surface of an undecided region that keeps it from passing: it deviates beyond the limit, may do so by its uncertainty, or lies
+/// farther off than the search distance.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct OpenPartDocument {
+    /// Area of this surface.
+    pub area_mm2: f64,
+    /// Point of it that may lie farthest off, part frame.
+    pub at_mm: [f64; 3],
+    /// Deviation at that point; `null` where the points lie beyond the search distance.
+    pub deviation_mm: Option<f64>,
+    /// Expanded uncertainty at that point, k = 2; `null` where the points lie beyond the search distance.
+    pub expanded_uncertainty_mm: Option<f64>,
 }
 
 /// A spot that deviates.
@@ -193,8 +221,19 @@ impl From<&RegionDeviation> for RegionDeviationDocument {
             expanded_uncertainty_mm: region.expanded_mm,
             pose_uncertainty_mm: region.of_poses_mm,
             is_open_by_poses: region.is_open_by_poses,
+            open: region.open.filter(|_| region.verdict == Some(Conformity::Undecided)).map(OpenPartDocument::from),
+            undecided_because: region.undecided_because,
+            measured_samples: Some(region.measured_samples),
+            conforming: region.conforming,
             statistics: region.statistics.as_ref().map(StatisticsDocument::from),
         }
+    }
+}
+
+impl From<OpenPart> for OpenPartDocument {
+    fn from(part: OpenPart) -> Self {
+        let [deviation_mm, expanded_uncertainty_mm] = [0, 1].map(|place| part.deviation_mm.map(|figures| figures[place]));
+        Self { area_mm2: part.area_mm2, at_mm: part.at_mm.coords.into(), deviation_mm, expanded_uncertainty_mm }
     }
 }
 
@@ -244,13 +283,103 @@ impl DeviationDocument {
 }
 
 /// Sentence for a region that only what poses leave open keeps from passing: how large that is, and the remedy.
-#[must_use]
-pub fn open_poses_sentence(region: &RegionDeviationDocument) -> Option<String> {
+fn open_poses_sentence(region: &RegionDeviationDocument) -> Option<String> {
     let open_mm = region.pose_uncertainty_mm.filter(|_| region.is_open_by_poses)?;
     Some(format!(
         "U is mostly due to the poses of the views (± {open_mm:.3} mm): calibrate the cell, or state how well its poses are \
          known (align.prior_mm); otherwise a step, hole or rib that views from both sides see has to tie them together."
     ))
+}
+
+/// Sentence on the sign of deviations.
+pub const SIGN_SENTENCE: &str = "Deviations are along the outward normal: above 0 is more material than nominal.";
+
+/// Sentence on the measured share of a region, which is of another distance than the coverage.
+#[must_use]
+pub fn measured_region_sentence(compare: &CompareParams) -> String {
+    let CompareParams { search_mm, tolerance_mm, .. } = compare;
+    format!(
+        "Regions count as measured where points lie within the search distance of {search_mm} mm (compare.search_mm) of nominal; \
+         coverage and losses count points within {tolerance_mm} mm (compare.tolerance_mm)."
+    )
+}
+
+/// Sentences for a region that is undecided: the reason for which samples that fail do not decide, the place that keeps it from passing,
+/// with what the poses have to do with it, or the area that is missing for a pass; `None` for another verdict, or where none of them is known.
+#[must_use]
+pub fn undecided_sentences(region: &RegionDeviationDocument) -> Option<String> {
+    if region.verdict != Some(Conformity::Undecided) {
+        return None;
+    }
+    let of_fails = region.undecided_because.map(|because| because_sentence(region, because));
+    // Where the part is not held, the surface there may be another one.
+    let is_held = region.undecided_because != Some(UndecidedBecause::NotHeld);
+    let limit_mm = 0.5 * region.tolerance_mm.unwrap_or_default();
+    let of_place = region.open.as_ref().filter(|_| is_held).map(|part| open_part_sentence(part, limit_mm));
+    let of_poses = open_poses_sentence(region);
+    let of_area = area_sentence(region, of_fails.is_some() || of_place.is_some() || of_poses.is_some());
+    let told: Vec<String> = [of_fails, of_place, of_poses, of_area].into_iter().flatten().collect();
+    (!told.is_empty()).then(|| told.join(" "))
+}
+
+/// Sentence on the area that is missing for a pass: it is not measured or, unless another reason is told, not shown to conform.
+fn area_sentence(region: &RegionDeviationDocument, has_reason: bool) -> Option<String> {
+    let min_measured = DeviationOptions::default().min_measured;
+    let least = 100.0 * min_measured;
+    if region.measured < min_measured {
+        let share = percent_below(region.measured, min_measured, 2);
+        return Some(format!("Only {share} % of it is measured; at least {least:.0} % of it has to conform."));
+    }
+    let conforming = region.conforming.filter(|share| !has_reason && *share < min_measured)?;
+    let share = percent_below(conforming, min_measured, 2);
+    Some(format!(
+        "Only {share} % of it is shown to conform; at least {least:.0} % of it has to: the rest has too few points, or mostly \
+         steep ones."
+    ))
+}
+
+/// Sentence on the reason for which a region with samples that fail does not fail.
+fn because_sentence(region: &RegionDeviationDocument, because: UndecidedBecause) -> String {
+    match because {
+        UndecidedBecause::NotHeld => {
+            let held_to_mm = region.tolerance_mm.unwrap_or_default().max(HELD_TO_MM);
+            format!(
+                "The accepted scans do not hold the part along this surface to {held_to_mm} mm: scan walls that face the same \
+                 way, or align as placed (align.method = as_placed)."
+            )
+        }
+        UndecidedBecause::FewSamples if region.measured_samples == Some(1) => {
+            "Only 1 sample is measured: one alone does not make a region fail.".to_owned()
+        }
+        UndecidedBecause::FewSamples => {
+            let measured = region.measured_samples.map_or_else(|| "a few samples".to_owned(), |count| counted(count, "sample"));
+            format!(
+                "Only {measured} are measured: a region fails where at least {MIN_TO_FAIL} are, or where nearly all of a \
+                 smaller one is measured and all of it fails."
+            )
+        }
+        UndecidedBecause::WithinNoise => "Samples fail, but no more of them than noise explains.".to_owned(),
+    }
+}
+
+/// Sentence on the surface that keeps a region from passing, which has this limit.
+fn open_part_sentence(part: &OpenPartDocument, limit_mm: f64) -> String {
+    let (area, at) = (area_mm2(part.area_mm2), place(part.at_mm));
+    let limits = limits_mm(2.0 * limit_mm);
+    match (part.deviation_mm, part.expanded_uncertainty_mm) {
+        (Some(deviation_mm), Some(expanded_mm)) => {
+            let lies = if deviation_mm.abs() - expanded_mm > limit_mm { "lies or may lie" } else { "may lie" };
+            let [deviation, expanded] = [deviation_mm, expanded_mm].map(|mm| fixed(mm, 3));
+            format!("{area} mm² of it {lies} beyond {limits} mm, farthest at {at}: {deviation} mm, U {expanded} mm (k = 2).")
+        }
+        _ => format!("{area} mm² of it may lie beyond {limits} mm, farthest at {at}: beyond the search distance."),
+    }
+}
+
+/// Words for a place in the part frame.
+pub(super) fn place(at_mm: [f64; 3]) -> String {
+    let [x, y, z] = at_mm.map(|mm| fixed(mm, 1));
+    format!("({x}, {y}, {z}) mm")
 }
 
 /// Sentences on the points that were compared and those that were left out.
@@ -273,10 +402,6 @@ pub fn excluded_sentence(deviation: &DeviationDocument) -> String {
 /// Sentence for area beyond the search distance: how it is judged.
 const OFF_REMEDY: &str = " Such area keeps a region from passing: raise compare.search_mm so that it is judged.";
 
-fn percent(share: f64) -> String {
-    format!("{} %", percent_below(share, 1.0, 2))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -294,6 +419,10 @@ mod tests {
             expanded_mm: Some(0.25),
             of_poses_mm: Some(0.24),
             is_open_by_poses: true,
+            open: None,
+            measured_samples: 90,
+            conforming: None,
+            undecided_because: None,
         };
         let told = serde_json::to_value(RegionDeviationDocument::from(&region)).expect("JSON");
         let shares = serde_json::json!({"turned_of_points": 0.25, "turned_of_area": 0.125, "off_of_area": 0.0625});
@@ -330,5 +459,76 @@ mod tests {
         fields.retain(|name, _| !["turned_points", "excluded"].contains(&name.as_str()));
         let read: DeviationDocument = serde_json::from_value(before).expect("a document");
         assert_eq!((read.turned_points, read.excluded), (0, ExcludedSharesDocument::default()));
+    }
+
+    /// A surface at 0.500 mm with U 0.020 mm "may" lie beyond 0.150 mm, and nothing said why it is undecided.
+    #[test]
+    fn an_undecided_region_with_samples_that_fail_says_why_it_does_not_fail() {
+        let told = |because: Option<&str>, open: Option<serde_json::Value>, [measured, conforming]: [f64; 2]| {
+            let region = serde_json::json!({
+                "name": "rib", "tolerance_mm": 0.3, "measured": measured, "verdict": "undecided", "expanded_uncertainty_mm": 0.02,
+                "statistics": null, "undecided_because": because, "measured_samples": 4, "conforming": conforming, "open": open,
+            });
+            undecided_sentences(&serde_json::from_value(region).expect("a region"))
+        };
+        let open = serde_json::json!({
+            "area_mm2": 0.25, "at_mm": [1.0, 2.0, 3.0], "deviation_mm": 0.5, "expanded_uncertainty_mm": 0.02,
+        });
+        let place =
+            "0.250 mm² of it lies or may lie beyond ±0.150 mm, farthest at (1.0, 2.0, 3.0) mm: 0.500 mm, U 0.020 mm (k = 2).";
+        let held = told(Some("not_held"), Some(open.clone()), [1.0, 0.1]).expect("a reason");
+        let wanted = "The accepted scans do not hold the part along this surface to 2.5 mm: scan walls that face the same way, \
+                      or align as placed (align.method = as_placed).";
+        assert_eq!(held, wanted, "what lies there may be another surface");
+        let few = told(Some("few_samples"), Some(open.clone()), [1.0, 0.1]).expect("a reason");
+        let begin = "Only 4 samples are measured: a region fails where at least 10 are, or where nearly all of a smaller one is \
+                     measured and all of it fails. ";
+        assert_eq!(few, format!("{begin}{place}"));
+        let noise = told(Some("within_noise"), Some(open), [1.0, 0.1]).expect("a reason");
+        assert_eq!(noise, format!("Samples fail, but no more of them than noise explains. {place}"));
+        let excused = told(None, None, [0.95, 0.85]).expect("a share");
+        assert!(excused.starts_with("Only 85.00 % of it is shown to conform; at least 90 % of it has to: the rest"), "{excused}");
+        assert_eq!(told(None, None, [0.95, 0.95]), None);
+    }
+
+    /// Such a region said that it is undecided, and neither where nor why.
+    #[test]
+    fn an_undecided_region_names_the_place_that_keeps_it_from_passing() {
+        let part = |deviation_mm: Option<[f64; 2]>| OpenPart { area_mm2: 0.25, at_mm: [99.98, 22.51, 45.0].into(), deviation_mm };
+        let region = RegionDeviation {
+            name: "x100".into(),
+            tolerance_mm: Some(0.3),
+            measured: 0.999,
+            excluded: ExcludedShares::default(),
+            statistics: None,
+            verdict: Some(Conformity::Undecided),
+            expanded_mm: Some(0.02),
+            of_poses_mm: Some(0.01),
+            is_open_by_poses: false,
+            open: Some(part(Some([0.21, 0.0202]))),
+            measured_samples: 90,
+            conforming: Some(0.95),
+            undecided_because: None,
+        };
+        let told = |region: RegionDeviation| undecided_sentences(&RegionDeviationDocument::from(&region));
+        let wanted =
+            "0.250 mm² of it lies or may lie beyond ±0.150 mm, farthest at (100.0, 22.5, 45.0) mm: 0.210 mm, U 0.020 mm (k = 2).";
+        assert_eq!(told(region.clone()).as_deref(), Some(wanted));
+        // The poses' part in U hid the place.
+        let by_poses = told(RegionDeviation { is_open_by_poses: true, of_poses_mm: Some(0.24), ..region.clone() });
+        let by_poses = by_poses.expect("a place");
+        assert!(by_poses.starts_with(&format!("{wanted} U is mostly due to the poses of the views (± 0.240 mm)")), "{by_poses}");
+        let off = RegionDeviation { open: Some(part(None)), ..region.clone() };
+        let wanted = "0.250 mm² of it may lie beyond ±0.150 mm, farthest at (100.0, 22.5, 45.0) mm: beyond the search distance.";
+        assert_eq!(told(off).expect("a place"), wanted);
+        let few = RegionDeviation { open: None, measured: 0.816, ..region.clone() };
+        assert_eq!(told(few).expect("a share"), "Only 81.60 % of it is measured; at least 90 % of it has to conform.");
+        assert_eq!(told(RegionDeviation { open: None, ..region.clone() }), None);
+        let failed = RegionDeviationDocument::from(&RegionDeviation { verdict: Some(Conformity::Fail), ..region });
+        assert_eq!((failed.open, undecided_sentences(&failed)), (None, None));
+        // An earlier release wrote no such place.
+        let mut before = serde_json::to_value(&failed).expect("JSON");
+        before.as_object_mut().expect("an object").remove("open");
+        assert_eq!(serde_json::from_value::<RegionDeviationDocument>(before).expect("a region"), failed);
     }
 }

@@ -10,6 +10,7 @@ use super::files::{IngestFindingDocument, TakenScanDocument};
 use super::learned::OfferedChangeDocument;
 use super::order::InspectionSummary;
 use super::rescan::RescanState;
+use super::verdicts::{VerdictCounts, material_sentences, verdicts_sentence};
 use crate::cell::FieldError;
 use crate::geometry::Mesh;
 use crate::inspection::ingest::Ingested;
@@ -18,8 +19,10 @@ use crate::inspection::registration::PartNotFound;
 use crate::inspection::{Inspection, InspectionParams};
 use crate::wire::schema_name::schema_name;
 use crate::wire::total::total;
-use crate::wire::words::{fixed, percent_below};
+use crate::wire::words::{counted, fixed, percent};
 
+/// Refused files of one code that are listed, each with a sentence.
+const MAX_REFUSALS: usize = 8;
 /// Schema name in the document.
 pub const INSPECTION_SCHEMA: &str = "vantage.inspection/1";
 
@@ -34,7 +37,8 @@ pub struct InspectionDocument {
     pub schema: String,
     /// SHA-256 of the bytes of `plan.json`.
     pub plan_sha256: String,
-    /// Sentences for people: planned and measured coverage, the largest losses, the deviation.
+    /// Sentences for people: features by verdict, material missing or extra, planned and measured coverage, the largest losses, the
+    /// deviation.
     pub verdict: String,
     /// Parameters.
     pub params: InspectionParams,
@@ -73,11 +77,30 @@ impl InspectedFiles {
         }
     }
 
-    /// Reasons why files were refused, each at the scans.
+    /// Reasons why files were refused, each at the scans: the first eight of each code, and the number of files that are not listed.
     #[must_use]
     pub fn refusals(&self) -> Vec<FieldError> {
-        let refused = self.findings.iter().filter(|finding| finding.code.is_refusal());
-        refused.map(|finding| FieldError { pointer: "/scans".to_owned(), detail: finding.detail.clone() }).collect()
+        let at_scans = |detail: String| FieldError { pointer: "/scans".to_owned(), detail };
+        let mut refusals = Vec::new();
+        // The first finding of each code, and the number of all.
+        let mut codes: Vec<(&IngestFindingDocument, usize)> = Vec::new();
+        for finding in self.findings.iter().filter(|finding| finding.code.is_refusal()) {
+            let known = codes.iter().position(|(first, _)| first.code == finding.code);
+            let place = known.unwrap_or(codes.len());
+            if known.is_none() {
+                codes.push((finding, 0));
+            }
+            codes[place].1 += 1;
+            if codes[place].1 <= MAX_REFUSALS {
+                refusals.push(at_scans(finding.detail.clone()));
+            }
+        }
+        for (first, count) in codes.into_iter().filter(|(_, count)| *count > MAX_REFUSALS) {
+            let more = counted(count - MAX_REFUSALS, "more file");
+            let first = first.file.as_deref().unwrap_or("the files above");
+            refusals.push(at_scans(format!("not listed: {more}, refused for the same reason as {first}")));
+        }
+        refusals
     }
 }
 
@@ -128,7 +151,14 @@ impl InspectionDocument {
             unexplained_of_asked: self.lost_of_asked(LossCause::Unexplained),
             deviation_rms_mm: self.statistics_of_found().map(|statistics| statistics.rms_mm),
             not_found: self.alignment.why_not_found(),
+            verdicts: self.verdict_counts(),
         }
+    }
+
+    /// Numbers of features by their verdict; `None` where none has one, or the part was not found.
+    #[must_use]
+    pub fn verdict_counts(&self) -> Option<VerdictCounts> {
+        VerdictCounts::of(&self.deviation.regions).filter(|_| self.alignment.why_not_found().is_none())
     }
 
     /// Statistics of the deviation; `None` where nothing was measured, or the part was not found: no deviation is told of it then.
@@ -137,22 +167,23 @@ impl InspectionDocument {
     }
 }
 
-fn percent(share: f64) -> String {
-    format!("{} %", percent_below(share, 1.0, 2))
-}
-
-/// Sentences on a result: what was planned, what was measured, and where the difference is lost.
+/// Sentences on a result: which features fail, what is missing or extra, what was planned and measured, and where the difference is
+/// lost.
 fn verdict_sentence(document: &InspectionDocument) -> String {
     let coverage = &document.coverage;
-    let mut text = match document.alignment.why_not_found() {
-        Some(PartNotFound::FewInliers) => "The scans do not fit the part: the figures say nothing about it. ".to_owned(),
-        Some(PartNotFound::FewPoints) | None => String::new(),
-    };
-    text += &format!(
-        "The scans measure {} of the asked area; {} was planned.",
-        percent(coverage.measured_of_asked),
-        percent(coverage.planned_of_asked)
-    );
+    let mut first = Vec::new();
+    match document.alignment.why_not_found() {
+        Some(PartNotFound::FewInliers) => {
+            first.push("The scans do not fit the part: the figures say nothing about it.".to_owned());
+        }
+        Some(PartNotFound::FewPoints) => {}
+        None => {
+            first.extend(verdicts_sentence(&document.deviation.regions));
+            first.extend(material_sentences(&document.deviation, document.params.compare.search_mm));
+        }
+    }
+    first.push(coverage_sentence(document));
+    let mut text = first.join(" ");
     let named: Vec<String> =
         document.losses.iter().take(3).map(|loss| format!("{} {}", percent(loss.of_asked), loss_phrase(loss.cause))).collect();
     if !named.is_empty() {
@@ -177,6 +208,22 @@ fn verdict_sentence(document: &InspectionDocument) -> String {
     text
 }
 
+/// Sentence on the measured and the planned area. Coverage counts what lies within the tolerance of the comparison: where the part was
+/// found, surface that was seen and deviates by more is told beside it.
+fn coverage_sentence(document: &InspectionDocument) -> String {
+    let coverage = &document.coverage;
+    let [measured, planned] = [coverage.measured_of_asked, coverage.planned_of_asked].map(percent);
+    let deviates = document.lost_of_asked(LossCause::PartDeviates);
+    if deviates > 0.0 && document.alignment.why_not_found().is_none() {
+        let (tolerance_mm, deviates) = (document.params.compare.tolerance_mm, percent(deviates));
+        return format!(
+            "The scans measure {measured} of the asked area within {tolerance_mm} mm (compare.tolerance_mm) of nominal; a \
+             further {deviates} is seen but deviates by more. {planned} was planned."
+        );
+    }
+    format!("The scans measure {measured} of the asked area; {planned} was planned.")
+}
+
 /// Sentence on how the surface deviates.
 fn deviation_sentence(figures: &StatisticsDocument) -> String {
     let [mean, rms, p1, p99] = [figures.mean_mm, figures.rms_mm, figures.p1_mm, figures.p99_mm].map(|mm| fixed(mm, 3));
@@ -190,6 +237,32 @@ mod tests {
     use super::*;
     use crate::cell::PoseSpec;
     use crate::inspection::deviation::DeviationStatistics;
+    use crate::inspection::ingest::IngestCode;
+
+    /// Every refused file was told with a sentence of its own, which of hundreds hid what they have in common.
+    #[test]
+    fn refused_files_are_listed_up_to_eight_of_each_code_with_the_number_of_the_others() {
+        let finding = |code: IngestCode, number: u32| IngestFindingDocument {
+            code,
+            file: Some(format!("view_{number}.ply")),
+            viewpoint: Some(number),
+            detail: format!("sentence {number}"),
+        };
+        let refusals = |of_part: u32| {
+            let missed = (0..of_part).map(|number| finding(IngestCode::NoPart, number));
+            let others = [100, 101].map(|number| finding(IngestCode::OtherPlan, number));
+            let notes = [finding(IngestCode::SparseCloud, 200)];
+            let findings = missed.chain(others).chain(notes).collect();
+            let told = InspectedFiles { scans: Vec::new(), findings }.refusals();
+            assert!(told.iter().all(|error| error.pointer == "/scans"), "{told:?}");
+            told.into_iter().map(|error| error.detail).collect::<Vec<_>>()
+        };
+        let few = refusals(8);
+        assert_eq!((few.len(), few[7].as_str(), few[9].as_str()), (10, "sentence 7", "sentence 101"));
+        let many = refusals(300);
+        assert_eq!((many.len(), many[7].as_str(), many[8].as_str()), (11, "sentence 7", "sentence 100"));
+        assert_eq!(many[10], "not listed: 292 more files, refused for the same reason as view_0.ply");
+    }
 
     fn statistics() -> StatisticsDocument {
         StatisticsDocument::from(&DeviationStatistics {
@@ -271,6 +344,47 @@ mod tests {
             "deviation_rms_mm": 0.012,
         });
         let summary: InspectionSummary = serde_json::from_value(earlier).expect("a summary");
-        assert_eq!((summary.deviation_rms_mm, summary.not_found), (Some(0.012), None));
+        assert_eq!((summary.deviation_rms_mm, summary.not_found, summary.verdicts), (Some(0.012), None, None));
+    }
+
+    /// A document with a feature that fails, a spot that deviates, and surface lost because it does.
+    fn with_a_fail(inlier_share: f64, kept_pose: Option<&str>) -> InspectionDocument {
+        let mut document = json!(document(3000, inlier_share, kept_pose));
+        document["deviation"]["regions"] = json!([{
+            "name": "step", "tolerance_mm": 0.3, "measured": 0.99, "verdict": "fail", "expanded_uncertainty_mm": 0.0226,
+            "statistics": statistics(),
+        }]);
+        document["deviation"]["worst"] =
+            json!([{"kind": "extra", "centre_mm": [80.0, 22.5, 45.0], "area_mm2": 76.5, "mean_mm": 0.2, "max_mm": 0.249}]);
+        document["losses"] = json!([{
+            "cause": "part_deviates", "detail": "", "area_mm2": 12.6, "of_asked": 0.126, "spots": 1, "largest": [],
+        }]);
+        serde_json::from_value(document).expect("a document")
+    }
+
+    /// The result, its list and the report's head told coverage alone of a part that fails.
+    #[test]
+    fn a_feature_that_fails_comes_first_and_is_counted_in_lists() {
+        let document = with_a_fail(0.95, None);
+        let told = verdict_sentence(&document);
+        let begin =
+            "1 of 1 feature fails (step: largest 0.050 mm, U 0.023 mm (k = 2)). Beyond 0.1 mm plus the points' own uncertainty: ";
+        assert!(told.starts_with(begin), "{told}");
+        assert_eq!(json!(document.summary())["verdicts"], json!({"fail": 1, "pass": 0, "undecided": 0}));
+        let lost = with_a_fail(0.373, Some("few_inliers"));
+        let told = verdict_sentence(&lost);
+        assert!(told.starts_with("The scans do not fit the part") && !told.contains("fails"), "{told}");
+        assert_eq!(lost.summary().verdicts, None);
+    }
+
+    /// 78.44 % were told as measured beside a region that is measured to 100 %: what deviates was seen, and is not counted.
+    #[test]
+    fn measured_area_is_told_with_its_tolerance_and_what_is_seen_beyond() {
+        let told = verdict_sentence(&with_a_fail(0.95, None));
+        let wanted = "The scans measure 80.00 % of the asked area within 0.15 mm (compare.tolerance_mm) of nominal; a further \
+                      12.60 % is seen but deviates by more. 90.00 % was planned.";
+        assert!(told.contains(wanted), "{told}");
+        let lost = verdict_sentence(&with_a_fail(0.373, Some("few_inliers")));
+        assert!(lost.contains("The scans measure 80.00 % of the asked area; 90.00 % was planned."), "{lost}");
     }
 }

@@ -3,11 +3,16 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::geometry::LengthUnit;
 use crate::inspection::ingest::{
     FrameAttempt, IngestCode, IngestFinding, MAX_UNSEEN_SHARE, MIN_SHARE, RemovedBecause, ScanFrame, TakenScan,
 };
 use crate::wire::MeshUnit;
 use crate::wire::part_size::unit_text;
+use crate::wire::words::percent_to;
+
+/// Ranges of viewpoints that a sentence lists: it stands once for each file, of which there may be hundreds.
+const MAX_RANGES: usize = 8;
 
 /// A scan as it was read.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -79,26 +84,42 @@ impl From<&IngestFinding> for IngestFindingDocument {
     }
 }
 
-fn percent(share: f64) -> String {
-    format!("{:.0} %", 100.0 * share)
-}
-
 fn tried(attempts: &[FrameAttempt]) -> String {
     let mut best: Vec<&FrameAttempt> = attempts.iter().collect();
     best.sort_by(|a, b| b.on_part.total_cmp(&a.on_part));
     let words = |attempt: &&FrameAttempt| {
-        format!("{} as {} in the {} frame", percent(attempt.on_part), unit_text(attempt.unit), attempt.frame.as_str())
+        format!("{} as {} in the {} frame", percent_to(attempt.on_part, 0), unit_text(attempt.unit), attempt.frame.as_str())
     };
     best.iter().take(4).map(words).collect::<Vec<_>>().join(", ")
 }
 
-/// Numbers of viewpoints in ranges, such as `0 to 4, 6`.
+/// Words on the units that a file was not tried in, where it fits in none that it was tried in; empty elsewhere.
+fn untried(finding: &IngestFinding) -> String {
+    if finding.tried.is_empty() || fitting(finding).is_some() {
+        return String::new();
+    }
+    let is_untried = |unit: &LengthUnit| finding.tried.iter().all(|attempt| attempt.unit != *unit);
+    let units: Vec<&str> = LengthUnit::ALL.into_iter().filter(is_untried).map(LengthUnit::as_str).collect();
+    if units.is_empty() {
+        return String::new();
+    }
+    let (units, first) = (units.join(" or "), units[0]);
+    format!("; not tried as {units}, which has to be given (--scan-unit {first}; over HTTP, unit={first})")
+}
+
+/// Numbers of viewpoints in ranges, such as `0 to 4, 6`: the first [`MAX_RANGES`], and how many viewpoints are left out.
 pub(crate) fn ranges(viewpoints: &[u32]) -> String {
     let words = |run: &[u32]| match run {
         [first, .., last] => format!("{first} to {last}"),
         run => run.iter().map(u32::to_string).collect(),
     };
-    viewpoints.chunk_by(|a, b| a + 1 == *b).map(words).collect::<Vec<_>>().join(", ")
+    let runs: Vec<&[u32]> = viewpoints.chunk_by(|a, b| a + 1 == *b).collect();
+    let (told, left_out) = runs.split_at(runs.len().min(MAX_RANGES));
+    let told = told.iter().map(|run| words(run)).collect::<Vec<_>>().join(", ");
+    match left_out.iter().map(|run| run.len()).sum::<usize>() {
+        0 => told,
+        more => format!("{told} and {more} more"),
+    }
 }
 
 /// Sentence for a file of no view of the plan, by its number or without one.
@@ -175,11 +196,14 @@ fn planned_pose_sentence(viewpoints: &[u32]) -> String {
     format!("the run has no scan of {words} {}: the poses of the plan are taken there", ranges(viewpoints))
 }
 
-/// Sentence for a file that fits its view where most of the others do not.
-fn other_plan_sentence(file: &str, view: &str) -> String {
+/// Sentence for a file that fits its view where most of the others, of these views, do not.
+fn other_plan_sentence(file: &str, view: &str, misfits: &[u32]) -> String {
+    let (own, words) = (format!("{file} fits viewpoint {view}"), if misfits.len() == 1 { "viewpoint" } else { "viewpoints" });
+    let of_views = if misfits.is_empty() { String::new() } else { format!(" (those of {words} {})", ranges(misfits)) };
     format!(
-        "{file} fits viewpoint {view}, but most files of its setup do not fit theirs, so that none of them is compared: are \
-         these scans of this part and this plan? Compare them with the plan that they were taken with, or give only the files that fit"
+        "{own}, but most files of its setup do not fit theirs{of_views}, so that none of them is compared. Are these scans of this part \
+         and this plan? If not, compare them with the plan that they were taken with. If they are, mend what is said of each file that \
+         does not fit, or leave those files out (over HTTP, name in scans those to compare)"
     )
 }
 
@@ -189,18 +213,34 @@ fn merged_number_sentence(number: u32, viewpoints: &[u32]) -> String {
         return format!(
             ". Its name has the number of viewpoint {number}, which cannot have seen more than {} of its points on the part: if it \
              is the scan of one view, export it in the frame of the scanner (over HTTP, name the viewpoint)",
-            percent(MAX_UNSEEN_SHARE)
+            percent_to(MAX_UNSEEN_SHARE, 0)
         );
     }
     let known = ranges(viewpoints);
     format!(". Its number, {number}, is not a viewpoint of the plan ({known}): if it shows only one view, name that view")
 }
 
+/// Sentence for a scan of which most points lie farther apart than this.
+fn sparse_sentence(file: &str, apart_mm: f64) -> String {
+    format!(
+        "most points of {file} are more than {apart_mm:.1} mm apart: the surface between them counts as not measured (too few \
+         points). Export the scan with more of its points"
+    )
+}
+
+/// Sentence for a scan whose cells, each with a point, have this size.
+fn thinned_sentence(file: &str, cell_mm: f64) -> String {
+    format!(
+        "{file} has one point in about {cell_mm:.1} mm, fewer than the scanner takes: surface beside edges and on steep walls counts as \
+         not measured (too few points). Export the scan with all of its points"
+    )
+}
+
 /// Sentence for a finding.
 fn ingest_sentence(finding: &IngestFinding) -> String {
     let file = finding.file.as_deref().unwrap_or("the file");
     let view = finding.viewpoint.map_or_else(|| "none".to_owned(), |view| view.to_string());
-    let shares = tried(&finding.tried);
+    let shares = tried(&finding.tried) + &untried(finding);
     match finding.code {
         IngestCode::UnitMismatch => {
             let unit = fitting(finding).map(|fits| fits.unit.as_str());
@@ -212,7 +252,7 @@ fn ingest_sentence(finding: &IngestFinding) -> String {
         }
         IngestCode::WrongView => wrong_view_sentence(file, &view, finding.fits_viewpoint),
         IngestCode::SameScan => same_scan_sentence(file, &view, finding.fits_viewpoint),
-        IngestCode::OtherPlan => other_plan_sentence(file, &view),
+        IngestCode::OtherPlan => other_plan_sentence(file, &view, &finding.viewpoints),
         IngestCode::Merged => {
             let number = finding.viewpoint.map_or_else(String::new, |number| merged_number_sentence(number, &finding.viewpoints));
             let is_of_view = finding.viewpoint.is_some_and(|number| finding.viewpoints.contains(&number));
@@ -249,6 +289,8 @@ fn ingest_sentence(finding: &IngestFinding) -> String {
             let longest = finding.longest_mm.unwrap_or_default();
             format!("triangles of {file} up to {longest:.0} mm long fill holes; they were not measured and are left out")
         }
+        IngestCode::SparseCloud => sparse_sentence(file, finding.longest_mm.unwrap_or_default()),
+        IngestCode::ThinnedCloud => thinned_sentence(file, finding.longest_mm.unwrap_or_default()),
         IngestCode::ViewMissing => format!("there is no scan of viewpoint {view}"),
         IngestCode::PlannedPose => planned_pose_sentence(&finding.viewpoints),
         IngestCode::ViewUnknown => unknown_view_sentence(finding, file),
@@ -259,7 +301,6 @@ fn ingest_sentence(finding: &IngestFinding) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::LengthUnit;
 
     /// The number that was found was told, and not those that the plan has.
     #[test]
@@ -316,11 +357,89 @@ mod tests {
         let frame = told(IngestCode::FrameMismatch, 0.9);
         assert!(frame.contains("90 % as inches in the part frame, 0 % as mm"), "{frame}");
         assert!(frame.ends_with("Give the frame part (--frame part; over HTTP, frame=part)"), "{frame}");
+        let short = told(IngestCode::FrameMismatch, 0.996);
+        assert!(short.contains("99 % as inches"), "a share below the whole is not told as the whole: {short}");
         let unit = told(IngestCode::UnitMismatch, 0.9);
         assert!(unit.ends_with("Give the unit inch (--scan-unit inch; over HTTP, unit=inch)"), "{unit}");
         let no_frame = told(IngestCode::FrameMismatch, 0.0);
         assert!(no_frame.contains("view_3.ply does not lie on the part in any frame that was tried;"), "{no_frame}");
         assert!(no_frame.ends_with("give its frame (--frame; over HTTP, the parameter frame)"), "{no_frame}");
+    }
+
+    /// Centimetres are not guessed, and nothing said so.
+    #[test]
+    fn a_unit_that_was_not_tried_is_told_where_no_other_fits() {
+        let attempt = |unit: LengthUnit, on_part: f64| FrameAttempt { unit, frame: ScanFrame::Part, in_frusta: 1.0, on_part };
+        let told = |on_part: f64, units: &[LengthUnit]| {
+            ingest_sentence(&IngestFinding {
+                code: IngestCode::NoPart,
+                file: Some("view_3.ply".to_owned()),
+                viewpoint: Some(3),
+                taken_file: None,
+                fits_viewpoint: None,
+                tried: units.iter().map(|unit| attempt(*unit, on_part)).collect(),
+                longest_mm: None,
+                viewpoints: Vec::new(),
+            })
+        };
+        let guessed = [LengthUnit::Millimetre, LengthUnit::Metre, LengthUnit::Inch];
+        let refused = told(0.0, &guessed);
+        let ending = "; not tried as cm, which has to be given (--scan-unit cm; over HTTP, unit=cm)";
+        assert!(refused.ends_with(ending), "{refused}");
+        assert!(!told(0.9, &guessed).contains("not tried"), "it fits as it is");
+        assert!(!told(0.0, &LengthUnit::ALL).contains("not tried"), "all were tried");
+    }
+
+    #[test]
+    fn a_sparse_scan_is_told_with_the_distance_between_its_points() {
+        let told = |code: IngestCode| {
+            ingest_sentence(&IngestFinding {
+                code,
+                file: Some("view_3.xyz".to_owned()),
+                viewpoint: Some(3),
+                taken_file: None,
+                fits_viewpoint: None,
+                tried: Vec::new(),
+                longest_mm: Some(2.31),
+                viewpoints: Vec::new(),
+            })
+        };
+        let sparse = told(IngestCode::SparseCloud);
+        assert!(sparse.starts_with("most points of view_3.xyz are more than 2.3 mm apart"), "{sparse}");
+        assert!(sparse.ends_with("Export the scan with more of its points"), "{sparse}");
+        let thinned = told(IngestCode::ThinnedCloud);
+        assert!(thinned.starts_with("view_3.xyz has one point in about 2.3 mm, fewer than the scanner takes: "), "{thinned}");
+        assert!(thinned.ends_with("not measured (too few points). Export the scan with all of its points"), "{thinned}");
+    }
+
+    /// "Give only the files that fit" left open which those are.
+    #[test]
+    fn a_file_that_fits_where_most_do_not_is_told_with_the_views_of_the_others_and_what_to_do() {
+        let told = |viewpoints: &[u32]| {
+            ingest_sentence(&IngestFinding {
+                code: IngestCode::OtherPlan,
+                file: Some("view_7.ply".to_owned()),
+                viewpoint: Some(7),
+                taken_file: None,
+                fits_viewpoint: None,
+                tried: Vec::new(),
+                longest_mm: None,
+                viewpoints: viewpoints.to_vec(),
+            })
+        };
+        let several = told(&[0, 1, 2, 5]);
+        let begin =
+            "view_7.ply fits viewpoint 7, but most files of its setup do not fit theirs (those of viewpoints 0 to 2, 5), so";
+        assert!(several.starts_with(begin), "{several}");
+        assert!(
+            several.ends_with("does not fit, or leave those files out (over HTTP, name in scans those to compare)"),
+            "{several}"
+        );
+        assert!(told(&[4]).contains("do not fit theirs (those of viewpoint 4), so"), "{}", told(&[4]));
+        // The list grew with the plan, in the sentence of each file.
+        let every_second: Vec<u32> = (0..100).map(|view| 2 * view).collect();
+        let many = told(&every_second);
+        assert!(many.contains("(those of viewpoints 0, 2, 4, 6, 8, 10, 12, 14 and 92 more), so"), "{many}");
     }
 
     /// "Does not fit viewpoint 3." was all that was told of a scan that fits none, and of copies and other plans nothing.

@@ -11,6 +11,7 @@ mod order;
 mod rescan;
 mod scan;
 mod tables;
+mod verdicts;
 
 pub use alignment::{AlignmentDocument, RigidSdDocument, ViewAlignmentDocument};
 pub use coverage::{
@@ -19,7 +20,8 @@ pub use coverage::{
 };
 pub use deviation::{
     DeviationDocument, DeviationSpotDocument, ExcludedSharesDocument, ExtentDocument, HistogramDocument, OffSurfaceDocument,
-    RegionDeviationDocument, StatisticsDocument, excluded_sentence, open_poses_sentence,
+    OpenPartDocument, RegionDeviationDocument, SIGN_SENTENCE, StatisticsDocument, excluded_sentence, measured_region_sentence,
+    undecided_sentences,
 };
 pub use document::{INSPECTION_SCHEMA, InspectedFiles, InspectionDocument};
 pub(crate) use files::ranges;
@@ -32,3 +34,4 @@ pub use order::{InspectionJob, InspectionPage, InspectionRequest, InspectionSele
 pub use rescan::{RateCurveDocument, RescanRequest, RescanState};
 pub use scan::{Scan, ScanPage};
 pub use tables::{colour_limit_mm, coverage_csv, deviation_colour, deviation_csv, deviation_ply, deviation_step};
+pub use verdicts::VerdictCounts;

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::verdicts::VerdictCounts;
 use crate::inspection::InspectionParams;
 use crate::inspection::registration::PartNotFound;
 use crate::wire::{InspectionId, JobFile, JobId, JobProblem, JobState, RunId, ScanId};
@@ -42,6 +43,10 @@ pub struct InspectionSummary {
     /// Reason for which the alignment counts as not found; `null` where it was found, and in inspections of earlier releases.
     #[serde(default)]
     pub not_found: Option<PartNotFound>,
+    /// Numbers of features that fail, pass and are undecided; `null` without a feature that has a tolerance, where the part was not found,
+    /// and in inspections of earlier releases.
+    #[serde(default)]
+    pub verdicts: Option<VerdictCounts>,
 }
 
 /// An inspection as the server keeps it. It never changes once it has ended.

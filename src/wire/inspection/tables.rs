@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use super::deviation::SIGN_SENTENCE;
 use crate::geometry::Mesh;
 use crate::inspection::Inspection;
 use crate::planning::ids::SampleId;
@@ -58,7 +59,7 @@ pub fn coverage_csv(inspection: &Inspection, mesh: &Mesh) -> String {
     csv.finish()
 }
 
-/// `deviation.csv`: a row for each face that was measured.
+/// `deviation.csv`: a row for each face that was measured. Its mean is above 0 where there is more material than nominal.
 #[must_use]
 pub fn deviation_csv(inspection: &Inspection, mesh: &Mesh) -> String {
     let mut csv = Csv::new(&["face", "measured_area_mm2", "points", "mean_mm", "sigma_mm", "expanded_uncertainty_mm"]);
@@ -110,20 +111,24 @@ pub fn colour_limit_mm(inspection: &Inspection) -> f64 {
     whole.map_or(1.0, |whole| whole.percentiles_mm[0].abs().max(whole.percentiles_mm[4].abs()).max(1e-3))
 }
 
+/// Header of `deviation.ply`, for so many samples.
+fn ply_header(samples: usize) -> String {
+    let mut header = String::from("ply\nformat binary_little_endian 1.0\ncomment millimetres, part frame\n");
+    // Writing to a String cannot fail.
+    let _ = writeln!(header, "comment {SIGN_SENTENCE}\nelement vertex {samples}");
+    for name in ["x", "y", "z", "nx", "ny", "nz", "deviation", "expanded_uncertainty"] {
+        let _ = writeln!(header, "property float {name}");
+    }
+    header + "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
+}
+
 /// `deviation.ply`: the measured samples of the model, each with its normal, deviation, expanded uncertainty and colour, part frame, mm.
 #[must_use]
 pub fn deviation_ply(inspection: &Inspection) -> Vec<u8> {
     let (deviations, surface) = (&inspection.deviations().samples, &inspection.surface);
     let measured: Vec<SampleId> = surface.samples().filter(|sample| deviations[sample.index()].points > 0).collect();
-    let mut header = String::from("ply\nformat binary_little_endian 1.0\ncomment millimetres, part frame\n");
-    // Writing to a String cannot fail.
-    let _ = writeln!(header, "element vertex {}", measured.len());
-    for name in ["x", "y", "z", "nx", "ny", "nz", "deviation", "expanded_uncertainty"] {
-        let _ = writeln!(header, "property float {name}");
-    }
-    header += "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n";
     let limit_mm = colour_limit_mm(inspection);
-    let mut bytes = header.into_bytes();
+    let mut bytes = ply_header(measured.len()).into_bytes();
     bytes.reserve(35 * measured.len());
     for sample in measured {
         let (found, at) = (deviations[sample.index()], surface.sample_mm[sample.index()]);
@@ -133,4 +138,18 @@ pub fn deviation_ply(inspection: &Inspection) -> Vec<u8> {
         bytes.extend(deviation_colour(f64::from(found.distance_mm), limit_mm));
     }
     bytes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ply_header;
+
+    /// Users had to guess whether a deviation above 0 is a bump or a dent.
+    #[test]
+    fn the_cloud_of_deviations_says_what_their_sign_means() {
+        let header = ply_header(12);
+        let begin = "ply\nformat binary_little_endian 1.0\ncomment millimetres, part frame\ncomment Deviations are along the \
+                     outward normal: above 0 is more material than nominal.\nelement vertex 12\nproperty float x\n";
+        assert!(header.starts_with(begin) && header.ends_with("property uchar blue\nend_header\n"), "{header}");
+    }
 }

@@ -11,7 +11,7 @@ use crate::geometry::{Part, Pose, Table};
 use crate::planning::params::Registration;
 use crate::planning::plan::{AdviceKind, AdvisedSetup, Coverage, ParamChange, Plan, PlanAdvice, Turn, TurnKind, share};
 use crate::wire::angle::degrees;
-use crate::wire::words::{counted, fixed, lie_phrase, percent_below, percents_apart, turn_phrase};
+use crate::wire::words::{counted, fixed, lie_phrase, listed, percent_below, percents_apart, rounded_to, turn_phrase};
 
 /// Parameters of an advice that are whole numbers.
 const WHOLE_SETTINGS: [&str; 2] = ["setups", "selection.max_views"];
@@ -145,11 +145,11 @@ impl AdviceDocument {
     /// Request to lay the part otherwise, in words; `None` where the plan does not.
     pub(crate) fn laying(&self) -> Option<String> {
         let lies: Vec<&str> = self.setups.iter().map(|setup| setup.lies.as_str()).collect();
-        let laying = match (&self.turn, lies.split_last()) {
+        let laying = match (&self.turn, lies.len()) {
             (Some(turn), _) => format!("{} and scan again", turn.text),
-            (None, Some((last, []))) => format!("scan it in another setup, {last}"),
-            (None, Some((last, others))) => format!("scan it in other setups, {} and {last}", others.join(", ")),
-            (None, None) => return None,
+            (None, 0) => return None,
+            (None, 1) => format!("scan it in another setup, {}", listed(&lies)),
+            (None, _) => format!("scan it in other setups, {}", listed(&lies)),
         };
         // Without them the plan is possible, and its scans are not.
         let needs_markers = self.set.get("registration").is_some_and(|means| *means == json!(Registration::Markers));
@@ -239,9 +239,8 @@ fn settings_as_written<'de, D: Deserializer<'de>>(deserializer: D) -> Result<BTr
 /// A pose with as many digits as people copy: 10⁻⁷ of a quaternion, within what its norm may be off by, and 0.1 µm.
 fn rounded(pose: &Pose<Table, Part>) -> PoseSpec {
     let PoseSpec { quaternion_xyzw, translation_mm } = PoseSpec::from(pose);
-    // The sum has no negative zero.
-    let to = |digits: f64| move |value: f64| (value * digits).round() / digits + 0.0;
-    PoseSpec { quaternion_xyzw: quaternion_xyzw.map(to(1e7)), translation_mm: translation_mm.map(to(1e4)) }
+    let to = |decimals: i32| move |value: f64| rounded_to(value, decimals);
+    PoseSpec { quaternion_xyzw: quaternion_xyzw.map(to(7)), translation_mm: translation_mm.map(to(4)) }
 }
 
 /// Name and value of a parameter to set.

@@ -37,10 +37,10 @@ pub struct RegionCoverageDocument {
     /// True if `of_asked` reaches the target; absent without a target.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub met: Option<bool>,
-    /// Tolerance of a feature.
+    /// Width of a feature's tolerance zone, from limit to limit: 0.3 for ±0.15 mm in a drawing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tolerance_mm: Option<f64>,
-    /// Finest tolerance that `params.regions.noise` can serve anywhere; present for features.
+    /// Width of the finest tolerance zone that `params.regions.noise` can serve anywhere; present for features.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min_tolerance_mm: Option<f64>,
     /// Missed part of the asked area by cause, largest first.

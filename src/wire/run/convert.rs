@@ -127,6 +127,12 @@ impl From<&StopReport> for RunStop {
     }
 }
 
+impl From<&[DeviceStop; 2]> for RunStop {
+    fn from([arm, table]: &[DeviceStop; 2]) -> Self {
+        Self { arm: Some(arm.into()), table: Some(table.into()) }
+    }
+}
+
 impl From<&DeviceStop> for DeviceStopDocument {
     fn from(stop: &DeviceStop) -> Self {
         let [sent_ms, acknowledged_ms, at_rest_ms] = [stop.sent, stop.acknowledged, stop.at_rest].map(|time| time.map(millis));

@@ -10,7 +10,7 @@ use crate::wire::ids::RunId;
 closed_list! {
     /// Kind of an event of a run.
     pub enum RunEventKind {
-        /// The state changed, or its reason.
+        /// The state changed, its reason, or what is known of the stop that ends the run.
         State = "state",
         /// A step began.
         Step = "step",
@@ -44,7 +44,7 @@ pub struct RunEventDocument {
     pub step: usize,
     /// Share of the program's speed.
     pub speed_override: f64,
-    /// Stop that ended the run; absent before.
+    /// Stop that ends the run, as far as it has got; absent before it is sent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stop: Option<RunStop>,
 }

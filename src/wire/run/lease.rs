@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 
 use crate::cell::{FieldError, Findings};
 use crate::wire::ids::LeaseId;
+use crate::wire::words::is_control;
 
 /// A request for the lease of a cell. Unknown fields are refused.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -27,7 +28,7 @@ impl LeaseRequest {
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
         for (pointer, text, min) in [("/cell", &self.cell, 1), ("/holder", &self.holder, 0)] {
-            let is_text = (min..=128).contains(&text.chars().count()) && !text.chars().any(char::is_control);
+            let is_text = (min..=128).contains(&text.chars().count()) && !text.chars().any(is_control);
             findings.require(is_text, pointer, || format!("must have {min} to 128 characters, none of them a control character"));
         }
         findings.into_result()

@@ -5,12 +5,16 @@ use utoipa::ToSchema;
 
 use super::RunMode;
 use crate::cell::{FieldError, Findings, PoseInput, PoseSpec, field_ranges};
+use crate::execution::session::OVERRIDES;
 use crate::wire::ids::JobId;
+use crate::wire::words::is_control;
 
 /// Setups of a plan at most.
 const MAX_SETUPS: f64 = 4.0;
 /// Steps of a program at most.
 const MAX_STEPS: f64 = 1e6;
+/// Smallest and largest speed override.
+const OVERRIDE_RANGE: [f64; 2] = [*OVERRIDES.start(), *OVERRIDES.end()];
 
 /// A request for a run. Controllers, their addresses and their limits come from the operator's cell file alone. Unknown fields are
 /// refused.
@@ -57,7 +61,7 @@ fn default_one() -> f64 {
 field_ranges! {
     RunRequest {
         SETUP = "setup", [0.0, MAX_SETUPS - 1.0] "";
-        SPEED_OVERRIDE = "speed_override", [0.01, 1.0] "";
+        SPEED_OVERRIDE = "speed_override", [OVERRIDE_RANGE[0], OVERRIDE_RANGE[1]] "";
         TIME_FACTOR = "time_factor", [1.0, 100.0] "";
         FROM_STEP = "from_step", [0.0, MAX_STEPS] "";
         TEMPERATURE_C = "temperature_c", [-50.0, 100.0] "°C";
@@ -121,7 +125,7 @@ impl ArmRequest {
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
         for (pointer, text) in [("/operator", &self.operator), ("/cell", &self.cell)] {
-            let is_name = (1..=128).contains(&text.chars().count()) && !text.chars().any(char::is_control);
+            let is_name = (1..=128).contains(&text.chars().count()) && !text.chars().any(is_control);
             findings.require(is_name, pointer, || "must have 1 to 128 characters, none of them a control character".to_owned());
         }
         findings.into_result()
@@ -138,7 +142,7 @@ pub struct OverrideRequest {
 
 field_ranges! {
     OverrideRequest {
-        SPEED_OVERRIDE = "speed_override", [0.01, 1.0] "";
+        SPEED_OVERRIDE = "speed_override", [OVERRIDE_RANGE[0], OVERRIDE_RANGE[1]] "";
     }
 }
 

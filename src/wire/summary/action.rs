@@ -14,7 +14,7 @@ use crate::planning::UpAxis;
 use crate::planning::params::RobustParams;
 use crate::planning::plan::{Plan, RegionCoverage, RemedyKind, share};
 use crate::wire::plan::{AdviceDocument, RobustDocument, options};
-use crate::wire::words::{counted, fixed, of_asked_phrase, percents_apart, pose_error_sizes, rounded_up_mm};
+use crate::wire::words::{counted, fixed, limits_mm, listed, of_asked_phrase, percents_apart, pose_error_sizes, rounded_up_mm};
 
 /// Action that would add the most measured area, tried in simulation: advice on the plan as a whole, or the fix of missed spots,
 /// whose effect counts all spots that it is for. If pose errors cost the plan at least as much, it is to choose views that
@@ -105,17 +105,16 @@ fn within_noise(plan: &Plan) -> Option<SummaryAction> {
     let finest_mm = too_fine.iter().map(|feature| feature.tolerance_mm).min_by(f64::total_cmp)?;
     let coarser = match &too_fine[..] {
         [TooFine { index, name, tolerance_mm }] => {
-            let own_mm = shortest(*tolerance_mm);
-            format!("give {name:?} a coarser tolerance than {own_mm} mm (regions.features.{index}.tolerance_mm)")
+            let (own_mm, limits) = (shortest(*tolerance_mm), limits_mm(*tolerance_mm));
+            format!("give {name:?} a coarser tolerance than {limits} mm (regions.features.{index}.tolerance_mm is {own_mm})")
         }
         several => {
-            let named = |feature: &TooFine<'_>| format!("{:?} ({} mm)", feature.name, shortest(feature.tolerance_mm));
+            let named = |feature: &TooFine<'_>| format!("{:?} ({} mm)", feature.name, limits_mm(feature.tolerance_mm));
             let mut named: Vec<String> = several.iter().take(NAMED).map(named).collect();
-            let last = match several.len() {
-                count if count > NAMED => counted(count - NAMED, "more feature"),
-                _ => named.pop().unwrap_or_default(),
-            };
-            format!("give {} and {last} coarser tolerances (tolerance_mm)", named.join(", "))
+            if several.len() > NAMED {
+                named.push(counted(several.len() - NAMED, "more feature"));
+            }
+            format!("give {} coarser tolerances (tolerance_mm)", listed(&named))
         }
     };
     let budget = noise.budget * noise.min_tolerance_mm() / finest_mm;
@@ -126,10 +125,10 @@ fn within_noise(plan: &Plan) -> Option<SummaryAction> {
         }
         false => String::new(),
     };
-    let min_mm = rounded_up_mm(noise.min_tolerance_mm());
+    let [min_mm, limit_mm] = [1.0, 0.5].map(|share| rounded_up_mm(share * noise.min_tolerance_mm()));
     let text = format!(
-        "{coarser}: the finest that this scanner's noise allows is {min_mm} mm, at best focus and perpendicular to the \
-         surface{budget}; effect not estimated"
+        "{coarser}: the finest that this scanner's noise allows is ±{limit_mm} mm (tolerance_mm = {min_mm}), at best focus and \
+         perpendicular to the surface{budget}; effect not estimated"
     );
     Some(without_estimate(plan, BTreeMap::new(), text))
 }

@@ -15,7 +15,7 @@ use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::total::total;
 use crate::wire::words::{
     ChoiceRules, area_mm2, cause_phrase, counted, none_found, of_asked_phrase, partial_of_spots, path_remedy, percent_below,
-    rounded_down_deg, turn_phrase,
+    rounded_down_deg, rounded_to, turn_phrase,
 };
 
 /// Largest number of setups of a plan: the range of `setups`.
@@ -407,10 +407,9 @@ fn poses(plan: &Plan, views: &[&RemedyView]) -> OptionSet {
 
 /// The pose to a micrometre and 10⁻⁷ of a unit quaternion: what a command line can hold.
 pub(super) fn rounded(pose: PoseSpec) -> PoseSpec {
-    let to = |value: f64, steps: f64| (value * steps).round() / steps + 0.0;
     PoseSpec {
-        translation_mm: pose.translation_mm.map(|mm| to(mm, 1e3)),
-        quaternion_xyzw: pose.quaternion_xyzw.map(|part| to(part, 1e7)),
+        translation_mm: pose.translation_mm.map(|mm| rounded_to(mm, 3)),
+        quaternion_xyzw: pose.quaternion_xyzw.map(|part| rounded_to(part, 7)),
     }
 }
 

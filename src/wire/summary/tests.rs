@@ -1,8 +1,8 @@
 use nalgebra::{Point3, Vector3};
 use serde_json::json;
 
-use super::{MissedGroup, PlanLevel, PlanVerdict, ProgramCycle, StandingRemedy, Summary};
-use crate::cell::{Configuration, Contact, Dialect};
+use super::{MissedGroup, PlanDoubts, PlanLevel, PlanVerdict, ProgramCycle, StandingRemedy, Summary};
+use crate::cell::{CalibrationProvenance, Configuration, Contact, Dialect};
 use crate::geometry::{Aabb, Pose};
 use crate::planning::candidates::Label;
 use crate::planning::ids::{CandidateId, SetupId, ViewId};
@@ -225,8 +225,9 @@ fn a_region_that_other_samples_refute_counts_as_below_its_target() {
 #[test]
 fn a_part_that_does_not_stand_is_not_ready_and_the_title_says_what_to_do() {
     let ready = Summary::of(&plan_of_all(990.0));
-    assert_eq!(ready.clone().with_unstable_setups(0), ready);
-    let tips = ready.clone().with_unstable_setups(1);
+    assert_eq!(ready.clone().with_doubts(&PlanDoubts::default()), ready);
+    let tips_over = PlanDoubts { unstable_setups: 1, ..PlanDoubts::default() };
+    let tips = ready.clone().with_doubts(&tips_over);
     assert_eq!((tips.level, tips.verdict), (PlanLevel::Limited, PlanVerdict::TargetMet));
     assert!(
         tips.title.starts_with("Not ready to scan: the part does not stand stably as placed and would tip over; "),
@@ -239,12 +240,13 @@ fn a_part_that_does_not_stand_is_not_ready_and_the_title_says_what_to_do() {
     assert_eq!(tips.lines()[0], tips.title, "before what is measured");
     let mut twice = plan_of_all(990.0);
     twice.setups.push(twice.setups[0].clone());
-    let told = Summary::of(&twice).with_unstable_setups(1).title;
+    let told = Summary::of(&twice).with_doubts(&tips_over).title;
     assert!(told.contains("in 1 of 2 setups") && !told.contains("fixture"), "a fixture holds one setup: {told}");
     // Its size is asked about first, and what no path leads to stays so.
-    assert_eq!(tips.with_unit_question(Some("Check the unit".to_owned())).title, "Check the unit");
+    let doubted = ready.with_doubts(&PlanDoubts { unit_question: Some("Check the unit"), ..tips_over });
+    assert_eq!((doubted.title.as_str(), doubted.level), ("Check the unit", PlanLevel::Limited));
     let pathless = Summary::of(&plan(3, 3, 0.0));
-    assert_eq!(pathless.clone().with_unstable_setups(1), pathless);
+    assert_eq!(pathless.clone().with_doubts(&tips_over), pathless);
 }
 
 /// One more setup came first for a part that would tip over in the setup that it has.
@@ -253,10 +255,9 @@ fn a_part_that_would_tip_over_is_placed_so_that_it_stands_before_anything_else()
     let mut plan = plan_of_all(600.0);
     plan.advice = vec![advice()];
     let tips = Summary::of(&plan);
-    assert_eq!(tips.clone().with_standing_first(None), tips);
     let pose = Pose::from_parts(Vector3::new(1.0, 2.000_04, 3.0), nalgebra::UnitQuaternion::identity());
     let up = "-z".parse().expect("an axis");
-    let placed = |remedy: &StandingRemedy| tips.clone().with_standing_first(Some(remedy)).action.expect("an action");
+    let placed = |remedy: &StandingRemedy| tips.clone().with_doubts(&does_not_stand(remedy)).action.expect("an action");
     let action = placed(&StandingRemedy::WithAxisUp(up, pose));
     assert_eq!(action.text, "place the part with its -z axis up, so that it stands (--up -z); effect not estimated");
     assert_eq!(action.command.as_deref(), Some("--up -z"));
@@ -268,6 +269,11 @@ fn a_part_that_would_tip_over_is_placed_so_that_it_stands_before_anything_else()
     let action = placed(&StandingRemedy::InPosesOfPlanner);
     let text = "let Vantage choose setups in which the part stands: --set 'part.resting_poses=[]'; effect not estimated";
     assert_eq!((action.text.as_str(), json!(action.set)), (text, json!({"part.resting_poses": []})));
+}
+
+/// Doubt about how a part stands.
+fn does_not_stand(remedy: &StandingRemedy) -> PlanDoubts<'_> {
+    PlanDoubts { standing: Some(remedy), ..PlanDoubts::default() }
 }
 
 /// A plan of a part of which all that is asked is visible and can be measured, and so much of 1000 mm² is.
@@ -314,8 +320,14 @@ fn the_first_line_says_what_is_measured_and_is_ready_only_where_nothing_that_was
     let gaps = Plan { stopped_because: StopReason::MaxViews, ..plan(3, 0, 400.0) };
     assert!(first(&gaps).2.starts_with("Can be scanned, with gaps: 44.44 % of the visible"), "{}", first(&gaps).2);
     // A part of another size than its file means is not ready, however well it is covered.
-    let doubted = Summary::of(&plan_of_all(990.0)).with_unit_question(Some("Check the unit".to_owned()));
+    let of_unit = PlanDoubts { unit_question: Some("Check the unit"), ..PlanDoubts::default() };
+    let doubted = Summary::of(&plan_of_all(990.0)).with_doubts(&of_unit);
     assert_eq!((doubted.level, doubted.title.as_str()), (PlanLevel::Limited, "Check the unit"));
+    let tips_over = does_not_stand(&StandingRemedy::InPosesOfPlanner);
+    let action = |doubts: PlanDoubts<'_>| Summary::of(&plan_of_all(990.0)).with_doubts(&doubts).action;
+    assert!(action(tips_over).is_some(), "{tips_over:?}");
+    let of_both = PlanDoubts { unit_question: of_unit.unit_question, ..tips_over };
+    assert_eq!(action(of_both), None, "no advice for a part of another size");
     let (level, _, title) = first(&plan(3, 3, 0.0));
     assert_eq!(
         (level, title.as_str()),
@@ -339,6 +351,12 @@ fn what_the_part_encloses_is_told_apart_in_the_title() {
     // 21 % on the samples of the choice are no more than the 20.8 % that independent samples miss.
     assert_eq!(title(21), format!("Can be scanned, but 20.80 % of what was asked {enclosed}: {measured}"));
     assert_eq!(title(0), format!("Can be scanned, but 20.80 % of what was asked is not measured in this setup: {measured}"));
+    // Where the target is missed, nothing was said of it.
+    let mut short = Plan { stopped_because: StopReason::MaxViews, ..plan(3, 0, 400.0) };
+    short.missed = vec![missed(Cause::Enclosed, vec![None; 20])];
+    let title = Summary::of(&short).title;
+    let gaps = format!("Can be scanned, with gaps, and 20.00 % of what was asked {enclosed}: 44.44 % of the visible");
+    assert!(title.starts_with(&gaps), "{title}");
 }
 
 /// "Can be scanned, with gaps" headed plans without a view, the last of which had been given up for want of a path.
@@ -1042,9 +1060,9 @@ fn a_tolerance_beyond_the_noise_comes_before_every_other_action() {
         Summary::of(&plan).action.expect("an action")
     };
     let (rim, bore) = (unmet_feature("rim", 0.5, 0.0), unmet_feature("bore", 0.1, 10.0));
-    let told = "give \"bore\" a coarser tolerance than 0.1 mm (regions.features.1.tolerance_mm): the finest that this scanner's noise \
-                allows is 0.156 mm, at best focus and perpendicular to the surface; or allow the noise a larger share of the \
-                tolerance (regions.noise.budget, at least 0.467); effect not estimated";
+    let told = "give \"bore\" a coarser tolerance than ±0.050 mm (regions.features.1.tolerance_mm is 0.1): the finest that this \
+                scanner's noise allows is ±0.078 mm (tolerance_mm = 0.156), at best focus and perpendicular to the surface; or \
+                allow the noise a larger share of the tolerance (regions.noise.budget, at least 0.467); effect not estimated";
     let action = next(&plan, vec![rim.clone(), bore.clone()]);
     assert_eq!((action.text.as_str(), action.command, action.set.len()), (told, None, 0));
     // The region misses its target for the tolerance of the feature within it.
@@ -1058,7 +1076,7 @@ fn a_tolerance_beyond_the_noise_comes_before_every_other_action() {
     // No budget is more than the tolerance.
     plan.params.regions.features = vec![feature(0.01), feature(0.1)];
     let finer = next(&plan, vec![unmet_feature("rim", 0.01, 10.0), bore]).text;
-    let begins = "give \"rim\" (0.01 mm) and \"bore\" (0.1 mm) coarser tolerances (tolerance_mm): the finest that";
+    let begins = "give \"rim\" (±0.005 mm) and \"bore\" (±0.050 mm) coarser tolerances (tolerance_mm): the finest that";
     assert!(finer.starts_with(begins) && !finer.contains("regions.noise.budget"), "{finer}");
 }
 
@@ -1294,8 +1312,10 @@ fn where_the_home_is_blocked_the_home_is_the_best_action_and_the_fix_of_what_has
     };
     let free = Summary::of(&plan);
     let other = FieldWarning { code: WarningCode::HomeTooClose, ..warning.clone() };
-    assert_eq!(free.clone().with_blocked_home(std::slice::from_ref(&other)), free);
-    let blocked = free.with_blocked_home(&[other, warning]);
+    let too_close = PlanDoubts { warnings: std::slice::from_ref(&other), ..PlanDoubts::default() };
+    assert_eq!(free.clone().with_doubts(&too_close), free);
+    let warnings = [other, warning];
+    let blocked = free.clone().with_doubts(&PlanDoubts { warnings: &warnings, ..PlanDoubts::default() });
     assert_eq!(
         blocked.next_text().as_deref(),
         Some("Next: give the cell another home (vantage cell --home); effect not estimated")
@@ -1311,6 +1331,11 @@ fn where_the_home_is_blocked_the_home_is_the_best_action_and_the_fix_of_what_has
         ]
     );
     assert_eq!((blocked.missed[0].fix, blocked.missed[0].command()), (None, None));
+    // A part that tips over is placed first, and what has no path still needs another home.
+    let placed = free.with_doubts(&PlanDoubts { warnings: &warnings, ..does_not_stand(&StandingRemedy::InPosesOfPlanner) });
+    let next = placed.next_text().expect("an action");
+    assert!(next.starts_with("Next: let Vantage choose setups"), "{next}");
+    assert_eq!(placed.missed, blocked.missed);
 }
 
 #[test]
@@ -1396,6 +1421,19 @@ fn the_worst_shares_under_pose_errors_stand_beside_the_shares_of_the_plan() {
         "hand_eye": {"of_asked": 0.5, "draws": 1}
     });
     assert_eq!(shares, expected);
+    let calibrated: CalibrationProvenance = serde_json::from_value(json!({
+        "by": "vantage", "at": "2026-11-20T09:00:00Z", "calibration_id": "ab", "data_sha256": "cd", "rms_rotation_deg": 0.01,
+        "rms_translation_mm": 0.1, "point_sd_mm": 0.05, "rotation_sd_deg": 0.005, "translation_sd_mm": 0.04
+    }))
+    .expect("a provenance");
+    let told = summary.with_calibration(Some(&calibrated));
+    assert!(!told.coverage_text.contains("calibration"), "another error was asked for: {}", told.coverage_text);
+    if let Some(robust) = &mut plan.coverage.robust {
+        robust.pose_error = PoseErrorParams::of_calibration(&calibrated);
+    }
+    let told = Summary::of(&plan).with_calibration(Some(&calibrated));
+    let source = "if poses are off by 0.02° and 0.2 mm (twice the uncertainty of the cell's calibration), at worst ";
+    assert!(told.coverage_text.contains(source), "{}", told.coverage_text);
     plan.coverage.is_of_open = true;
     let of_open = Summary::of(&plan).coverage_text;
     assert!(of_open.contains(", at worst 50.00 % of the open area; "), "{of_open}");

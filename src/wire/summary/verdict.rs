@@ -134,29 +134,46 @@ pub(super) fn title(level: PlanLevel, verdict: PlanVerdict, plan: &Plan, shares:
             format!("Can be scanned, but {not_measured}: {measured}")
         }
         (PlanLevel::Limited, PlanVerdict::Fragile) => format!("Can be scanned, but small pose errors cost coverage: {measured}"),
-        (PlanLevel::Limited, _) => format!("Can be scanned, with gaps: {measured}"),
+        (PlanLevel::Limited, _) => {
+            let enclosed = if is_of_open { 0.0 } else { enclosed(plan, 1.0 - shares.of_asked) };
+            let apart =
+                if enclosed < MIN_SHOWN { String::new() } else { format!(", and {}", no_setup_measures(enclosed, OF_ASKED)) };
+            format!("Can be scanned, with gaps{apart}: {measured}")
+        }
     }
+}
+
+/// Share that two decimals of a percentage do not show.
+const MIN_SHOWN: f64 = 5e-5;
+/// Whole that a share is of, after its figure.
+const OF_ASKED: &str = " of what was asked";
+
+/// Share of the asked area that the part encloses, at most `open`, which is not measured.
+fn enclosed(plan: &Plan, open: f64) -> f64 {
+    let enclosed_mm2 = total(plan.missed.iter().filter(|missed| missed.cause == Cause::Enclosed).map(|missed| missed.area_mm2));
+    // On the samples that views are chosen on, beside a share on independent ones.
+    share(enclosed_mm2, plan.coverage.asked_area_mm2).min(open)
+}
+
+/// Share that the part encloses, in a clause.
+fn no_setup_measures(enclosed: f64, of: &str) -> String {
+    format!("{}{of} is enclosed by the part, where no setup can measure it", percent(enclosed))
 }
 
 /// Share of the asked area that is not measured, in a clause; apart from it, what the part encloses: no setup measures that.
 fn not_measured(plan: &Plan, open: f64) -> String {
-    /// Share that two decimals of a percentage do not show.
-    const MIN_SHOWN: f64 = 5e-5;
-    let enclosed_mm2 = total(plan.missed.iter().filter(|missed| missed.cause == Cause::Enclosed).map(|missed| missed.area_mm2));
-    // On the samples that views are chosen on, beside a share on independent ones.
-    let enclosed = share(enclosed_mm2, plan.coverage.asked_area_mm2).min(open);
-    let apart = |of: &str| format!("{}{of} is enclosed by the part, where no setup can measure it", percent(enclosed));
+    let enclosed = enclosed(plan, open);
     let setups = match plan.setups.len() {
         0 | 1 => "this setup".to_owned(),
         setups => format!("these {setups} setups"),
     };
-    let rest = |share: f64| format!("{} of what was asked is not measured in {setups}", percent(share));
+    let rest = |share: f64| format!("{}{OF_ASKED} is not measured in {setups}", percent(share));
     if enclosed < MIN_SHOWN {
         rest(open)
     } else if open - enclosed < MIN_SHOWN {
-        apart(" of what was asked")
+        no_setup_measures(enclosed, OF_ASKED)
     } else {
-        format!("{}, and {}", rest(open - enclosed), apart(""))
+        format!("{}, and {}", rest(open - enclosed), no_setup_measures(enclosed, ""))
     }
 }
 

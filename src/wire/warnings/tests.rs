@@ -1,5 +1,7 @@
+use nalgebra::Isometry3;
+
 use super::*;
-use crate::cell::{Presets, SpecKind, SpecLibrary};
+use crate::cell::{Body, CellDistances, HousingFace, PoseSpec, Presets, Shape, SpecKind, SpecLibrary};
 use crate::geometry::{Mesh, Poll, stable_poses};
 use crate::planning::params::{FeatureParams, InterestParams, PoseErrorParams, Region};
 use crate::planning::plan::{Cause, IndependentRegion, RegionCoverage, RegionKind};
@@ -50,8 +52,8 @@ fn a_tolerance_beyond_the_noise_is_told_with_the_finest_that_is_served_and_what_
         (WarningCode::ToleranceBeyondNoise, "/params/regions/features/1/tolerance_mm")
     );
     for said in [
-        "is 0.05 mm",
-        "0.156 mm",
+        "is 0.05 mm, in a drawing ±0.025 mm",
+        "0.156 mm, in a drawing ±0.078 mm",
         "regions.noise.best_mm (0.0117 mm)",
         "regions.noise.budget (0.3)",
         "VDA Volume 5",
@@ -123,7 +125,7 @@ fn an_unmet_region_is_named_at_its_target_with_its_causes() {
     assert_eq!(
         found[0].detail,
         "is 0.95, but 0.00 % of the 900.0 mm² of \"bore\" is measured; missed: not measured well enough (850.0 mm²; tolerance \
-         too fine for the scanner's noise; the finest that this noise allows is 0.156 mm), hidden from the left camera (50.0 mm²)"
+         too fine for the scanner's noise; the finest that this noise allows is ±0.078 mm), hidden from the left camera (50.0 mm²)"
     );
     assert!(found[0].remedy.contains("regions.noise.budget"), "{}", found[0].remedy);
 }
@@ -278,6 +280,78 @@ fn a_body_of_the_mount_that_overlaps_the_forearm_is_named_at_its_place() {
     assert!(warning.remedy.contains("owner_from_body") && !warning.remedy.contains("longer"), "{}", warning.remedy);
 }
 
+/// The cell was sound, and its plans had "Target met" at their head.
+#[test]
+fn a_scanner_that_looks_back_through_the_wrist_is_warned_of_with_device_share_and_cure() {
+    let mut spec = Presets.cell("e05-transcan").expect("a preset");
+    spec.flange_from_scanner = PoseSpec { translation_mm: [0.0, 0.0, 30.0], quaternion_xyzw: [1.0, 0.0, 0.0, 0.0] };
+    let found = of_sight(&spec.build(&Presets).expect("nothing else is wrong with it"), "/cell");
+    let arm = found.iter().find(|warning| warning.pointer == "/cell/flange_from_scanner").expect("the arm hides the field");
+    assert_eq!(arm.code.as_str(), "mount_hides_field");
+    for said in ["\"flange\"", "\"wrist\"", "100 % of the projector's field at 480 mm", "the left camera's field", "joint 6"] {
+        assert!(arm.detail.contains(said), "{said:?} is not in {:?}", arm.detail);
+    }
+    // What costs a look into a file comes before what costs a wrench.
+    let [checked, turned] = ["check flange_from_scanner", "turn the scanner"].map(|words| arm.remedy.find(words));
+    assert!(checked == Some(0) && turned > checked && arm.remedy.contains("inverted"), "{}", arm.remedy);
+    let mount = found.iter().find(|warning| warning.pointer == "/cell/mount/0").expect("the adapter hides it too");
+    assert!(mount.detail.starts_with("puts \"adapter\" between the scanner and its field: it hides 100 %"), "{}", mount.detail);
+    assert!(mount.remedy.starts_with("check the body's shape and owner_from_body"), "{}", mount.remedy);
+}
+
+#[test]
+fn a_clip_before_a_corner_of_the_field_is_warned_of_without_blame_of_the_pose() {
+    let mut cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+    let owner_from_body = Isometry3::translation(295.0, 75.0, 140.0);
+    cell.mount.push(Body { name: "clip".into(), owner_from_body, shape: Shape::Box { size_mm: [4.0, 50.0, 30.0] } });
+    let found = of_cell(&cell, "");
+    let [clip] = &found[..] else { panic!("{found:#?}") };
+    assert_eq!((clip.code, clip.pointer.as_str()), (WarningCode::MountHidesField, "/mount/1"));
+    assert!(clip.detail.contains("% of the projector's field at ") && clip.detail.contains(" in every view"), "{}", clip.detail);
+    assert!(clip.remedy.starts_with("move the body out") && !clip.remedy.contains("inverted"), "{}", clip.remedy);
+}
+
+/// A pose that is right was all that the remedy blamed, where the capsule of a link bulges into the field.
+#[test]
+fn bodies_that_hide_little_are_told_to_be_coarser_than_the_real_ones_perhaps() {
+    for (place, said) in [
+        (HiderPlace::Arm, ["short capsule", "hollow housing", "--surfaces"]),
+        (HiderPlace::Scanner(0), ["coarser than the real body", "hollow housing", "mesh"]),
+        (HiderPlace::Mount(0), ["coarser than the real body", "hollow one", "mesh"]),
+    ] {
+        let remedy = sight_remedy(place, false);
+        assert!(said.iter().all(|word| remedy.contains(word)), "{remedy}");
+    }
+}
+
+/// The remedy was a command that reads a URDF, which who names a preset does not have.
+#[test]
+fn a_mount_that_overlaps_the_forearm_of_a_preset_is_told_with_a_remedy_for_presets() {
+    let devices = CellDistances {
+        name: "cell".into(),
+        scanner: "transcan-c-nominal".into(),
+        robot: "abb-irb2400-10".into(),
+        turntable: "minas-a6-500".into(),
+        table_at_mm: [1000.0, 0.0, 300.0],
+        table_yaw_deg: 0.0,
+        mount: HousingFace::Back,
+        adapter_mm: 30.0,
+        adapter_kg: 0.0,
+        floor_mm: None,
+        pedestal: false,
+        home_deg: None,
+    };
+    let cell = devices.spec(&Presets).expect("in range").build(&Presets).expect("a sound cell");
+    let found = of_cell(&cell, "");
+    let overlap = found.iter().find(|warning| warning.code == WarningCode::LoadOverlapsArm).expect("the adapter overlaps");
+    assert_eq!(overlap.pointer, "/mount/0");
+    for cure in
+        ["vantage robot --surfaces", "vantage presets NAME", "limits of joint 5", "\"link 4\" and \"adapter\" cannot meet"]
+    {
+        assert!(overlap.remedy.contains(cure), "{cure:?} is not in {:?}", overlap.remedy);
+    }
+}
+
 #[test]
 fn cells_that_are_shipped_are_not_warned_of() {
     for name in Presets.names(SpecKind::Cell) {
@@ -304,6 +378,26 @@ fn a_home_within_the_part_is_warned_of_once_with_the_bodies_and_the_cure() {
     assert!(found[0].remedy.contains("vantage cell"), "{}", found[0].remedy);
     let advice = crate::planning::plan::Advice::MoveHome;
     assert_eq!(crate::wire::words::advice_sentence(&advice), found[0].remedy, "one remedy everywhere");
+}
+
+/// The home was to be moved away from the part, which stood clear of it.
+#[test]
+fn a_home_at_which_the_arm_meets_itself_is_not_to_be_moved_away_from_the_part() {
+    let mut cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("a valid preset");
+    let block = crate::testing::box_mesh([-20.0, -20.0, 1.0], [20.0, 20.0, 41.0]);
+    let scene = CollisionScene::new(&cell, &block, None, &Pose::identity(), 5.0);
+    let folded = (-31..=31).find_map(|step| {
+        cell.home_rad.joints_rad[4] = 0.1 * f64::from(step);
+        scene.check(&cell.home_rad).filter(|contact| !contact.is_with_part())
+    });
+    let contact = folded.expect("a wrist that folds the flange onto the arm");
+    let found = of_home(&cell, &[scene], 5.0, "/cell");
+    let [warning] = &found[..] else { panic!("{found:#?}") };
+    assert!(warning.detail.contains(&contact.to_string()) && !warning.detail.contains("the part on its plate"), "{warning:?}");
+    assert!(warning.remedy.contains(&format!("until {contact} are 5 mm apart")), "{warning:?}");
+    assert!(!warning.remedy.contains("farther from the part"), "{warning:?}");
+    let advice = crate::planning::plan::Advice::FreeHome { bodies: contact, clearance_mm: 5.0 };
+    assert_eq!(crate::wire::words::advice_sentence(&advice), warning.remedy, "one remedy everywhere");
 }
 
 fn stable(mesh: &Mesh) -> Vec<StablePose> {

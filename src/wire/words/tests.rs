@@ -1,7 +1,8 @@
 use super::{
     ChoiceRules, PlanRules, RESCAN_WITHOUT_PATH, WITHOUT_PATH, advice_sentence, apart_mm, area_mm2, at_risk_sentence,
     by_thousands, changed_params, first_lie, fix_sentence, fixed, fixed_nonzero, headline, independent_share, lie_phrase,
-    no_plan_sentence, percent_below, percents_apart, region_verdict, stability_sentence, turn_phrase,
+    limits_mm, no_plan_sentence, percent, percent_below, percent_to, percents_apart, region_verdict, rounded_to,
+    stability_sentence, turn_phrase,
 };
 use crate::cell::PoseSpec;
 use crate::geometry::Pose;
@@ -65,6 +66,12 @@ fn a_share_on_400_samples_is_told_with_its_standard_error() {
 }
 
 #[test]
+fn a_rounded_number_has_no_digits_of_radians_and_no_sign_of_zero() {
+    let told = [89.999_999_999_9, -0.000_000_1, 0.123_456_7].map(|value| rounded_to(value, 6).to_string());
+    assert_eq!(told, ["90", "0", "0.123457"]);
+}
+
+#[test]
 fn what_is_not_zero_is_not_told_as_zero() {
     for (value, decimals, told) in [
         (0.0, 1, "0.0"),
@@ -82,6 +89,7 @@ fn what_is_not_zero_is_not_told_as_zero() {
         assert_eq!(percent_below(share, 1.0, 2), told);
     }
     assert_eq!((percent_below(0.003, 1.0, 0), percent_below(0.997, 1.0, 0)), ("0.30".to_owned(), "99".to_owned()));
+    assert_eq!((percent(0.999_96), percent_to(0.996, 0)), ("99.99 %".to_owned(), "99 %".to_owned()));
     let stability = StabilityDocument {
         shared_area_mm2: 50_800.0,
         fixed: true,
@@ -421,4 +429,11 @@ fn a_part_is_turned_over_in_words_and_not_by_a_direction() {
     let turn = Some(Turn { kind: TurnKind::UpsideDown, side: PartSide::Right, angle_rad: 3.1 });
     let over = Remedy { kind: RemedyKind::Setup, turn, ..tilt(1.0) };
     assert_eq!(fix_sentence(&over, at_target()), "turn it upside down and scan again: measures 200.0 mm², 100 % of it");
+}
+
+/// Widths of zones were told as "tolerance", which users read as ±; and 0.0014 mm were told as 0.001 mm.
+#[test]
+fn a_tolerance_is_told_by_its_limits_and_not_rounded_to_another_one() {
+    assert_eq!([0.001, 0.2, 0.1 + 0.2, 100.0].map(limits_mm), ["±0.0005", "±0.100", "±0.150", "±50.000"]);
+    assert_eq!([0.0014, 0.0005 * 25.4, 0.0625, 1.0 / 3.0].map(limits_mm), ["±0.0007", "±0.00635", "±0.03125", "±0.166667"]);
 }
