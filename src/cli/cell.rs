@@ -145,9 +145,9 @@ impl CellArgs {
     /// The cell with a face on the flange.
     fn mounted(&self, face: HousingFace) -> Result<Mounted, CliError> {
         let distances = self.distances(face)?;
-        let spec = distances.spec(&FileLibrary).map_err(|errors| files::findings("cell", &distances.blamed(errors)))?;
-        let built = spec.build(&FileLibrary).map_err(|errors| files::findings("cell", &distances.blamed(errors)));
-        let cell = built.map(|cell| {
+        let blamed = |errors| files::findings("cell", &distances.blamed(errors, &FileLibrary));
+        let spec = distances.spec(&FileLibrary).map_err(blamed)?;
+        let cell = spec.build(&FileLibrary).map_err(blamed).map(|cell| {
             let reached = self.reached(&cell);
             (cell, reached)
         });

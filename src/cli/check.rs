@@ -13,7 +13,7 @@ use super::doubts;
 use super::files::{self, FileLibrary, ForeignText};
 use super::plan::{load_mesh, load_scanner};
 use super::ranges::number;
-use super::{CliError, FileFinding, output};
+use super::{CliError, FileFinding, output, presets};
 use crate::cell::{Cell, ControllersSpec, Presets, Scanner, SpecKind, SpecLibrary};
 use crate::check::{
     Beside, CheckPlace, FixtureFile, FixtureIdentity, GivenBeside, GivenCell, NO_CELL, OtherFixture, OtherPart, Present,
@@ -63,7 +63,8 @@ too fine for the scanner's noise or a home position that looks like radians, are
 
 Exit codes: 0 no errors; 2 errors.")]
 pub struct CheckArgs {
-    /// Files to check, TOML or JSON: cells, devices, parameters, plans or programs, recognised by their content.
+    /// Files to check, TOML or JSON: cells, devices, parameters, plans or programs, recognised by their content; or names of
+    /// presets.
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Cell in which to recompute limits, times, collisions, poses and coverage: a preset name, a TOML or JSON file, or `none`
@@ -133,13 +134,22 @@ pub fn run(args: &CheckArgs) -> Result<(), CliError> {
     if wrong.is_empty() { Ok(()) } else { Err(CliError::Findings(wrong)) }
 }
 
-/// Reads a file that is to be checked. For an HTML page, a table and the like, the error names what to check instead.
+/// Reads a file that is to be checked, or else the preset of the name. For an HTML page, a table and the like, the error names what to
+/// check instead.
 fn value_of(path: &Path) -> Result<Value, CliError> {
+    let name = path.to_str().filter(|_| path.symlink_metadata().is_err());
+    if let Some(preset) = name.and_then(presets::value_of) {
+        return Ok(preset);
+    }
     files::spec_value(path).map_err(|error| {
         // A pipe cannot be read again.
         let text = if path.is_file() { std::fs::read_to_string(path).ok() } else { None };
         match (error, text.and_then(|text| files::foreign_text(path, &text))) {
             (CliError::BadInput(told), Some(found)) => CliError::BadInput(format!("{told}\n  → {}", instead_of(path, found))),
+            (CliError::BadInput(told), None) => match name.and_then(presets::none_of) {
+                Some(none) if !told.ends_with('?') => CliError::BadInput(format!("{told}; {none}")),
+                Some(_) | None => CliError::BadInput(told),
+            },
             (error, _) => error,
         }
     })

@@ -13,7 +13,7 @@ use crate::cell::{
     ShapeSpec, SpecKind, SpecLibrary, TriggerSpec, metres_in_mm,
 };
 use crate::check::kind_of;
-use crate::geometry::{Aabb, Base, Table};
+use crate::geometry::{Aabb, Base, Table, listed};
 use crate::program::Program;
 use crate::wire::program::ProgramDocument;
 use crate::wire::warnings::{FieldWarning, WarningCode};
@@ -85,11 +85,26 @@ pub(super) fn of_params(params: &Value) -> Vec<FieldWarning> {
 }
 
 /// Doubts about controllers beside the robot of their cell, which is named or written out: an arm's of another maker, one that counts
-/// joint 3 otherwise than the robot is planned, and a trigger by signals that the arm's driver does not have.
+/// joint 3 otherwise than the robot is planned, a trigger by signals that the arm's driver does not have, and states that may come later
+/// than the watchdogs lapse.
 pub(super) fn of_controllers(controllers: &ControllersSpec, robot: &Value) -> Vec<FieldWarning> {
     let robot: Option<RobotSpec> = robot.as_str().map_or_else(|| decode(robot).ok(), |name| FileLibrary.robot(name).ok());
     let doubts = |robot: &RobotSpec| [of_maker(&controllers.arm, robot), of_joint_3(&controllers.arm, robot)];
-    robot.as_ref().map(doubts).into_iter().flatten().chain([of_trigger(controllers)]).flatten().collect()
+    let of_any_robot = [of_trigger(controllers), of_state_age(controllers)];
+    robot.as_ref().map(doubts).into_iter().flatten().chain(of_any_robot).flatten().collect()
+}
+
+/// Doubt about a state that may be awaited for as long as a watchdog lasts: it is fed once the state is there.
+fn of_state_age(controllers: &ControllersSpec) -> Option<FieldWarning> {
+    let ControllersSpec { state_max_age_ms, watchdog_ms, .. } = controllers;
+    (state_max_age_ms >= watchdog_ms).then(|| {
+        let detail = format!(
+            "is {state_max_age_ms} ms, not below watchdog_ms = {watchdog_ms} ms: while a state is that late nothing feeds the \
+             watchdog, and the device stops by itself in the middle of a run"
+        );
+        let remedy = format!("give less than {watchdog_ms} ms, half of it as a rule, or raise watchdog_ms (500 ms at most)");
+        doubt("/controllers/state_max_age_ms", detail, remedy)
+    })
 }
 
 /// Doubt about a trigger with which no run begins.
@@ -112,9 +127,11 @@ pub(super) fn of_captures(controllers: &ControllersSpec, document: &Value) -> Op
 pub(super) fn of_levels(controllers: &ControllersSpec, program: &Program) -> Option<FieldWarning> {
     let (levels, trigger) = (program.brightness_levels(), &controllers.trigger);
     let levels: Vec<String> = levels.iter().map(ToString::to_string).collect();
-    let (last, others) = levels.split_last().filter(|(_, others)| !others.is_empty() && !trigger.tells_brightness())?;
-    let (others, name) = (others.join(", "), trigger.name());
-    let detail = format!("scans at brightness levels {others} and {last}; the cell's trigger {name} does not send the level");
+    if levels.len() < 2 || trigger.tells_brightness() {
+        return None;
+    }
+    let (levels, name) = (listed(&levels), trigger.name());
+    let detail = format!("scans at brightness levels {levels}; the cell's trigger {name} does not send the level");
     let remedy =
         "trigger the scanner by http, or by a command with {brightness}, or have its own software switch before each scan";
     Some(doubt("/steps", detail, remedy))
@@ -437,6 +454,24 @@ mod tests {
         let kuka = section(json!({"protocol": "kuka_rsi", "address": "10.0.0.1:49152"}));
         let doubts = of_controllers(&kuka, &json!("nobody.toml"));
         assert_eq!(doubts.iter().map(|doubt| doubt.pointer.as_str()).collect::<Vec<_>>(), ["/controllers/trigger/protocol"]);
+    }
+
+    /// A state that came late, and not too late, left the watchdog unfed, and the device stopped by itself.
+    #[test]
+    fn a_state_that_may_come_later_than_the_watchdog_lapses_is_doubted() {
+        let doubted = |watchdog_ms: u32, state_max_age_ms: u32| -> Vec<(String, String)> {
+            let arm = json!({"protocol": "hans", "address": "10.0.0.2:10003"});
+            let (table, times) = (json!({"protocol": "with_arm"}), [watchdog_ms, state_max_age_ms]);
+            let section = json!({"arm": arm, "table": table, "watchdog_ms": times[0], "state_max_age_ms": times[1]});
+            let section = serde_json::from_value(section).expect("a section");
+            of_controllers(&section, &json!("hans-e05")).into_iter().map(|doubt| (doubt.pointer, doubt.detail)).collect()
+        };
+        assert_eq!(doubted(200, 100), []);
+        for late_ms in [200, 300] {
+            let [(pointer, detail)] = &doubted(200, late_ms)[..] else { panic!("one doubt") };
+            assert_eq!(pointer, "/controllers/state_max_age_ms");
+            assert!(detail.contains(&format!("is {late_ms} ms, not below watchdog_ms = 200 ms")), "{detail}");
+        }
     }
 
     #[test]

@@ -15,6 +15,7 @@ use std::path::Path;
 
 use super::CliError;
 use super::files::{self, from_value, json_fault};
+use crate::cell::decimal_comma_advice;
 use crate::planning::params::{FeatureParams, Region};
 use crate::wire::Distinct;
 use crate::wire::words::counted;
@@ -120,7 +121,7 @@ fn feature(columns: &[String], line: &str) -> Result<FeatureParams, String> {
 }
 
 fn number(text: &str) -> Result<f64, String> {
-    text.parse().map_err(|_| format!("is {text:?}; allowed is a number"))
+    text.parse().map_err(|_| format!("is {text:?}; allowed is a number{}", decimal_comma_advice(text)))
 }
 
 fn region(text: &str) -> Result<Region, String> {

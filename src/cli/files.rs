@@ -262,20 +262,10 @@ pub(super) fn instead_of_file(path: &Path, (wanted, kind): (&str, Option<Documen
         let schema = document["schema"].as_str().filter(|schema| schema.starts_with("vantage."))?;
         return Some(format!("is a document of schema {schema:?}, not {wanted}"));
     };
-    let (shown, what) = (path.display(), found.as_str());
-    let told = match found {
-        DocumentKind::Cell => format!("is a {what}, not {wanted}; `vantage check {shown}` checks it, and --cell takes it"),
-        DocumentKind::Robot | DocumentKind::Turntable => {
-            format!("is a {what}, not {wanted}; `vantage check {shown}` checks it, and a cell names it")
-        }
-        DocumentKind::Scanner => format!("is a {what}, not {wanted}; `vantage inspect {shown}` describes it"),
-        DocumentKind::Params => format!("holds parameters of a plan, not {wanted}; --params takes it"),
-        DocumentKind::Plan => format!("is a {what}, not {wanted}; `vantage check {shown}` checks it"),
-        DocumentKind::Program => {
-            format!("is a {what}, not {wanted}; `vantage check {shown}` checks it, and `vantage run` runs it")
-        }
-    };
-    (kind != Some(found)).then_some(told)
+    let (description, place) = told_of(found);
+    let is_checked = found != DocumentKind::Params;
+    let check = if is_checked { format!("`vantage check {}` checks it, and ", path.display()) } else { String::new() };
+    (kind != Some(found)).then(|| format!("{description}, not {wanted}; {check}{place}"))
 }
 
 /// Reads a text in UTF-8.
@@ -397,15 +387,21 @@ pub(super) fn instead_of_parameters(document: &Value) -> Option<String> {
 
 /// Tells the kind of a document that is not what is wanted, and where it belongs.
 fn instead_of(wanted: &str, found: DocumentKind) -> String {
-    let place = match found {
-        DocumentKind::Scanner => "--scanner takes it, with --cell none",
-        DocumentKind::Cell => "--cell takes it",
-        DocumentKind::Robot | DocumentKind::Turntable => "a cell names it",
-        DocumentKind::Params => return format!("holds parameters of a plan, not {wanted}; --params takes it"),
-        DocumentKind::Plan => "`vantage program` takes it with its program",
-        DocumentKind::Program => "`vantage run` takes it",
-    };
-    format!("is a {}, not {wanted}; {place}", found.as_str())
+    let (description, place) = told_of(found);
+    format!("{description}, not {wanted}; {place}")
+}
+
+/// Description of a kind of document, and where it belongs.
+fn told_of(kind: DocumentKind) -> (&'static str, &'static str) {
+    match kind {
+        DocumentKind::Scanner => ("is a scanner", "--scanner takes it, with --cell none"),
+        DocumentKind::Cell => ("is a cell", "--cell takes it"),
+        DocumentKind::Robot => ("is a robot", "a cell names it"),
+        DocumentKind::Turntable => ("is a turntable", "a cell names it"),
+        DocumentKind::Params => ("holds parameters of a plan", "--params takes it"),
+        DocumentKind::Plan => ("is a plan", "`vantage program` takes it with its program"),
+        DocumentKind::Program => ("is a program", "`vantage run` takes it"),
+    }
 }
 
 /// Converts a document to `T`, which is `wanted`, such as "a cell", of the kind `kind` if it is recognised by one.

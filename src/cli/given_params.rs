@@ -5,7 +5,7 @@ use std::path::Path;
 use serde_json::Value;
 
 use super::check::warn;
-use super::{CliError, doubts, files, set_value};
+use super::{CliError, doubts, files, output, set_value};
 use crate::planning::params::PlanParams;
 use crate::wire::parameters;
 use crate::wire::preset::check_beside_preset;
@@ -35,6 +35,30 @@ fn parameter_file(path: &Path) -> Result<Value, CliError> {
     }
 }
 
+/// Warns of every `--set` that has no effect.
+pub(super) fn warn_of_replaced(sets: &[String]) {
+    for (earlier, later) in replaced(sets) {
+        let detail = format!("has no effect, as --set {later} comes after it");
+        output::warning(&format!("--set {earlier}"), "", &detail, "leave one of the two out");
+    }
+}
+
+/// Options that a later one with another value replaces, each with that one: of the same parameter, or of a group that holds it.
+fn replaced(sets: &[String]) -> Vec<(&str, &str)> {
+    fn key(set: &str) -> &str {
+        set.split_once('=').map_or(set, |(key, _)| key)
+    }
+    fn replaces(later: &str, earlier: &str) -> bool {
+        let rest = key(earlier).strip_prefix(key(later));
+        rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+    }
+    let pairs = sets.iter().enumerate().filter_map(|(number, earlier)| {
+        let last = sets[number + 1..].iter().rev().find(|later| replaces(later, earlier)).filter(|last| *last != earlier)?;
+        Some((earlier.as_str(), last.as_str()))
+    });
+    pairs.collect()
+}
+
 /// Applies every `--set` to `value`.
 pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams, CliError> {
     for set in sets {
@@ -51,6 +75,7 @@ pub(super) fn set_params(mut value: Value, sets: &[String]) -> Result<PlanParams
         let inserted = set_value::parse(key, text).and_then(|new| insert(&mut value, key, new));
         inserted.map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
     }
+    warn_of_replaced(sets);
     let doubts = doubts::of_params(&value);
     let read: Result<PlanParams, CliError> = files::from_value(value.clone(), "parameters");
     let checked = read.and_then(|params| match params.check().and_then(|()| check_beside_preset(&value, &params)) {
@@ -82,21 +107,25 @@ pub(super) fn named_by_sets(error: CliError, sets: &[String]) -> CliError {
             None => finding.pointer.strip_prefix('/').map(|pointer| pointer.replace('/', ".")),
         };
         if let Some(key) = key.filter(|_| finding.detail.contains("; expected a")) {
-            let range = allowed(&key);
-            // The range says more than the kind of number.
-            if let (false, Some(found)) = (range.is_empty(), finding.detail.strip_suffix(NOT_NEGATIVE))
-                && found.starts_with("is -")
-            {
-                finding.detail = found.to_owned();
-            }
-            finding.detail += &range;
+            finding.detail = with_range(&finding.detail, &allowed(&key));
         }
     }
     CliError::Findings(findings)
 }
 
-/// End of the message on a number below 0 in the place of a whole number.
-const NOT_NEGATIVE: &str = "; expected a whole number, 0 or more";
+/// The message with a range, before any advice. With its unit and the number of entries, the range says more than that of the field's
+/// shape, which it takes the place of.
+fn with_range(detail: &str, range: &str) -> String {
+    let (told, rest) = detail.split_once(ALLOWED).unwrap_or((detail, ""));
+    match (range.is_empty(), rest.split_once("; ")) {
+        (true, _) => detail.to_owned(),
+        (false, Some((_, advice))) => format!("{told}{range}; {advice}"),
+        (false, None) => format!("{told}{range}"),
+    }
+}
+
+/// Beginning of the range in a message.
+const ALLOWED: &str = "; allowed is ";
 
 /// Range of a parameter, for the end of a message on a value of another kind; empty if it has none.
 fn allowed(key: &str) -> String {
@@ -104,7 +133,7 @@ fn allowed(key: &str) -> String {
     known
         .map(|parameter| parameter.range_text())
         .filter(|range| !range.is_empty())
-        .map_or_else(String::new, |range| format!("; allowed is {range}"))
+        .map_or_else(String::new, |range| format!("{ALLOWED}{range}"))
 }
 
 /// Sets the field of `value` that the words of `key` lead to, with the objects on the way.
@@ -126,6 +155,26 @@ pub(super) fn insert(value: &mut Value, key: &str, new: Value) -> Result<(), Str
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The last of two was taken, and nothing was said.
+    #[test]
+    fn options_that_a_later_one_replaces_are_found_with_it() {
+        let sets = |sets: &[&str]| -> Vec<String> { sets.iter().map(|set| (*set).to_owned()).collect() };
+        let twice = sets(&["selection.target=0.9", "seed=1", "selection.target=0.95"]);
+        assert_eq!(replaced(&twice), [("selection.target=0.9", "selection.target=0.95")]);
+        let whole = sets(&["selection.target=0.9", "selection={\"max_views\":4}"]);
+        assert_eq!(replaced(&whole), [(whole[0].as_str(), whole[1].as_str())], "the group replaces all that is in it");
+        let back = sets(&["seed=1", "seed=2", "seed=1"]);
+        assert_eq!(replaced(&back), [("seed=2", "seed=1")]);
+        for unlike in [
+            &["selection={\"max_views\":4}", "selection.target=0.9"][..],
+            &["seed=1", "seed=1"],
+            &["limits.camera_deg=60", "limits.camera=60"],
+            &["seed=1"],
+        ] {
+            assert!(replaced(&sets(unlike)).is_empty(), "{unlike:?}");
+        }
+    }
 
     /// A default beside a preset was replaced in silence, other values were refused.
     #[test]

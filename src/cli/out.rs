@@ -517,7 +517,7 @@ pub(super) fn not_made(path: &Path, error: &std::io::Error) -> CliError {
 
 /// Error for a place in which nothing can be written.
 pub(super) fn refused(path: &Path, error: &std::io::Error) -> CliError {
-    let next = if error.kind() == ErrorKind::StorageFull {
+    let next = if matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded) {
         "free space on its disk, or name a place on another disk"
     } else {
         "name a place where you may write, such as one in your home folder"

@@ -94,7 +94,8 @@ pub struct PlanArgs {
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
     /// Toleranced features, in addition to `regions.features`: a JSON or CSV file. CSV example: a header line
-    /// `name,region,tolerance_mm,point_spacing_mm`, then `bore,sphere 10 20 30 5,0.2,0.2` (centre and radius in mm).
+    /// `name,region,tolerance_mm,point_spacing_mm`, then `bore,sphere 10 20 30 5,0.2,0.2` (centre and radius in mm; a tolerance
+    /// of 0.2 is ±0.1 mm).
     #[arg(long)]
     features: Option<PathBuf>,
     /// Folder for the results; created if it does not exist [default: NAME_plan for NAME.stl, `plans` for several parts].

@@ -1,6 +1,8 @@
 //! `vantage presets`: lists the scanners, robots, turntables, cells and sets of parameters that ship with the program, and prints
 //! one as a file to start from.
 
+use std::path::Path;
+
 use serde::Serialize;
 use serde_json::Value;
 
@@ -76,6 +78,24 @@ pub(super) fn run(args: &PresetsArgs) -> Result<(), CliError> {
         kinds.join(", "),
         names.join(", ")
     )))
+}
+
+/// A preset as the document that a file of it would be; `None` if there is none of the name.
+pub(super) fn value_of(name: &str) -> Option<Value> {
+    let text = KINDS.iter().find_map(|kind| preset_text(*kind, name));
+    let is_set = PARAMETER_SETS.iter().any(|(set, _)| *set == name);
+    text.and_then(|text| toml::from_str(text).ok()).or_else(|| is_set.then(|| serde_json::json!({ "preset": name })))
+}
+
+/// Remark on a name that no preset has, with the name that was probably meant; `None` for what is no preset's: a path, or a name with an
+/// ending.
+pub(super) fn none_of(name: &str) -> Option<String> {
+    let path = Path::new(name);
+    let is_bare = name != "-" && path.extension().is_none() && path.file_name().is_some_and(|file| file == name);
+    let of_devices: Vec<String> = KINDS.iter().flat_map(|kind| Presets.names(*kind)).collect();
+    let names = of_devices.iter().map(String::as_str).chain(PARAMETER_SETS.map(|(set, _)| set));
+    let question = did_you_mean(name, names);
+    is_bare.then(|| format!("there is no such preset either (`vantage presets` lists them){question}"))
 }
 
 fn print(presets: Vec<PresetLine>) -> Result<(), CliError> {

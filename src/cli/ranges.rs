@@ -2,6 +2,8 @@
 
 use std::ops::RangeInclusive;
 
+use crate::cell::decimal_comma_advice;
+
 /// Returns the parser of a whole number in a range.
 pub(super) fn whole<N: TryFrom<i64> + 'static>(
     range: RangeInclusive<i64>,
@@ -17,11 +19,7 @@ pub(super) fn whole<N: TryFrom<i64> + 'static>(
 
 /// Reads a number.
 pub(super) fn number(text: &str) -> Result<f64, String> {
-    text.parse().map_err(|_| {
-        let has_comma = text.replacen(',', ".", 1).parse::<f64>().is_ok();
-        let advice = if has_comma { "; use a point as decimal separator" } else { "" };
-        format!("{text:?} is not a number{advice}")
-    })
+    text.parse().map_err(|_| format!("{text:?} is not a number{}", decimal_comma_advice(text)))
 }
 
 #[cfg(test)]

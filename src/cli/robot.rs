@@ -42,7 +42,8 @@ pub struct RobotArgs {
     /// Name of the base link, which does not move [default: base_link, else the root link].
     #[arg(long)]
     pub base: Option<String>,
-    /// Name of the flange link [default: tool0 or flange, else the link six joints from the base].
+    /// Name of the flange link [default: tool0, flange, ee_link or tcp, else the first link in the file that ends the arm six joints
+    /// from the base].
     #[arg(long)]
     pub tip: Option<String>,
     /// Maximum mass at the flange, kg.
@@ -91,7 +92,7 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
     let mut load = |name: &str| read_mesh(&find_mesh(name, args)?);
     let mut imported = import(&text, &options, &mut load).map_err(|error| at(&args.urdf, &error))?;
     imported.set_dialect(args.dialect);
-    let Imported { robot: mut spec, surfaces, remarks } = imported;
+    let Imported { robot: mut spec, base_link, flange_link, surfaces, remarks } = imported;
     let warnings = warnings(&remarks, &spec);
     warn(&args.urdf.display().to_string(), &warnings);
     if let Some(folder) = &args.surfaces {
@@ -104,17 +105,22 @@ pub fn run(args: &RobotArgs) -> Result<(), CliError> {
         let all: Vec<String> = errors.iter().map(ToString::to_string).collect();
         return Err(at(&args.urdf, &all.join("; ")));
     }
-    let toml = output::toml(&spec)?;
-    let text = format!(
-        "# From {}. Check limits, speeds and accelerations against the manufacturer's data sheet.\n{toml}",
-        name_of(&args.urdf)
-    );
-    files::write(&args.out, text.as_bytes())?;
+    files::write(&args.out, file_text(&name_of(&args.urdf), &spec, (&base_link, &flange_link))?.as_bytes())?;
     let document = serde_json::json!({
         "file": args.out.display().to_string(), "robot": spec.name, "kinematics": kinematics(&spec), "capsules": spec.links.len(),
-        "surfaces": spec.surfaces.len(), "warnings": warnings,
+        "surfaces": spec.surfaces.len(), "base_link": base_link, "flange_link": flange_link, "warnings": warnings,
     });
-    output::result(&document, format_args!("{}: {}\n", args.out.display(), summary(&spec)))
+    let ends = format!("base {base_link:?}, flange {flange_link:?}");
+    output::result(&document, format_args!("{}: {}; {ends}\n", args.out.display(), summary(&spec)))
+}
+
+/// The specification's file, with its source: the URDF and the links of it that are base and flange.
+fn file_text(urdf: &str, spec: &RobotSpec, (base_link, flange_link): (&str, &str)) -> Result<String, CliError> {
+    let toml = output::toml(spec)?;
+    Ok(format!(
+        "# From {urdf}, its base the link {base_link:?}, its flange the link {flange_link:?}.\n\
+         # Check limits, speeds and accelerations against the manufacturer's data sheet.\n{toml}"
+    ))
 }
 
 /// Warnings of what is not as in the file, and of what is doubtful in the specification.
@@ -204,6 +210,19 @@ mod tests {
         assert!(cell.contains("cell.toml: is a cell, not a URDF file; `vantage check "), "{cell}");
         let broken = told("arm.urdf", "<robot>");
         assert!(broken.contains("arm.urdf: is not a URDF file: "), "{broken}");
+    }
+
+    /// Neither the file nor the output said which link was taken as the flange.
+    #[test]
+    fn the_file_names_the_links_that_are_base_and_flange() {
+        let options = UrdfOptions { name: None, base_link: None, tip_link: None, payload_kg: 5.0, ramp_secs: 0.5 };
+        let imported = import(&arm_urdf("revolute"), &options, &mut |_: &str| Err("no mesh".to_owned())).expect("a robot");
+        let links = (imported.base_link.as_str(), imported.flange_link.as_str());
+        let text = file_text("six.urdf", &imported.robot, links).expect("a text");
+        assert!(
+            text.starts_with("# From six.urdf, its base the link \"base_link\", its flange the link \"tool0\".\n# Check "),
+            "{text}"
+        );
     }
 
     /// An arm without its forearm was written without a word.

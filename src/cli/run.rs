@@ -31,6 +31,7 @@ use crate::service::plan_job::program_stem;
 use crate::service::runs::session::{self, AuditPlace, SessionOrder};
 use crate::wire::program::ProgramDocument;
 use crate::wire::run::{NOT_SAFETY_RATED, Run, RunMode, RunRequest};
+use crate::wire::words::is_control;
 use crate::wire::{DocumentKind, hex};
 
 /// Time after which the lease of this process ends unless its heartbeat renews it.
@@ -161,7 +162,7 @@ pub fn run(args: &RunArgs) -> Result<(), CliError> {
 /// The operator's release of motion: the name given, or the cell's name typed on a terminal.
 fn operator(armed_by: Option<&str>, cell: &str) -> Result<String, CliError> {
     if let Some(name) = armed_by {
-        let is_name = !name.trim().is_empty() && !name.chars().any(char::is_control);
+        let is_name = !name.trim().is_empty() && !name.chars().any(is_control);
         return if is_name {
             Ok(name.to_owned())
         } else {

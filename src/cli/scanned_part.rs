@@ -9,7 +9,7 @@ use serde_json::Value;
 use utoipa::ToSchema;
 
 use super::check::fixture_of;
-use super::given_params::{insert, named_by_sets};
+use super::given_params::{insert, named_by_sets, warn_of_replaced};
 use super::plan::{load_cell, load_mesh, load_scanner};
 use super::{CliError, files, output, set_value};
 use crate::cell::{Cell, FieldError, Scanner, did_you_mean};
@@ -195,6 +195,7 @@ where
         let inserted = set_value::parse(key, text).and_then(|new| insert(&mut value, key, new));
         inserted.map_err(|reason| CliError::BadInput(format!("--set {set}: {reason}")))?;
     }
+    warn_of_replaced(sets);
     let read: Result<T, CliError> = files::from_value(value, "parameters");
     let checked = read.and_then(|params| match check(&params) {
         Ok(()) => Ok(params),

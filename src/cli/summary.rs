@@ -8,8 +8,8 @@ use crate::wire::parse;
 use crate::wire::plan::{PlanDocument, RegionCoverageDocument, SetupDocument};
 use crate::wire::summary::{HeadlineDocument, SUMMARY_FILE, Summary};
 use crate::wire::words::{
-    MEANING_OF_INDEPENDENT, NOTHING_IN_REGION, area_mm2, at_risk_sentence, counted, first_lie, percent_below, region_verdict,
-    stability_sentence,
+    MEANING_OF_INDEPENDENT, NOTHING_IN_REGION, area_mm2, at_risk_sentence, counted, first_lie, limits_mm, percent_below,
+    region_verdict, stability_sentence,
 };
 
 /// Lines on a plan, by its files.
@@ -88,7 +88,7 @@ fn region_line(region: &RegionCoverageDocument, is_of_open: bool) -> String {
 
 /// Coverage of a region: what is asked and what is reached on one line, and the reasons on another if that is too little.
 pub(super) fn region_summary(region: &RegionCoverageDocument) -> String {
-    let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {mm} mm"));
+    let tolerance = region.tolerance_mm.map_or_else(String::new, |mm| format!(", tolerance {} mm", limits_mm(mm)));
     let why = region.why_unmet.as_ref().map_or_else(String::new, |why| format!("\n  missed: {why}"));
     format!(
         "Region {:?} ({}{tolerance}; {} mm², {}): {} %, {}{why}",

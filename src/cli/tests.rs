@@ -291,7 +291,7 @@ fn a_region_is_told_with_what_is_asked_reached_and_missed() {
     let told = summary::region_summary(&unmet);
     assert_eq!(
         told,
-        "Region \"bore\" (feature, tolerance 0.05 mm; 900.0 mm², 90 samples): 0.00 %, target 95.00 %: NOT MET\n  missed: \
+        "Region \"bore\" (feature, tolerance ±0.025 mm; 900.0 mm², 90 samples): 0.00 %, target 95.00 %: NOT MET\n  missed: \
          below_grade 900.0 mm²"
     );
     let met = RegionCoverageDocument { of_asked: 0.97, met: Some(true), why_unmet: None, ..unmet.clone() };
@@ -366,7 +366,7 @@ fn inspect_says_what_a_file_is_that_is_no_mesh_and_no_scanner() {
     let program = "{\"schema\": \"vantage.program/1\"}";
     for (name, text, wanted) in [
         ("cell.toml", "base_from_table = {}\n", "cell.toml: is a cell, not a mesh or a scanner; `vantage check "),
-        ("plan.json", plan, "plan.json` checks it"),
+        ("plan.json", plan, "plan.json` checks it, and `vantage program` takes it with its program"),
         ("program.json", program, "is a program, not a mesh or a scanner; `vantage check "),
         ("arm.toml", "joints = []\n", "is a robot, not a mesh or a scanner; `vantage check "),
         ("params.toml", "setups = 2\n", "holds parameters of a plan, not a mesh or a scanner; --params takes it"),
@@ -468,8 +468,12 @@ fn what_a_set_gives_is_refused_at_the_option() {
     for (sets, told) in [
         (&["selection.target=90"][..], "--set selection.target=90: is 90; allowed is 0 to 1; 90 % is 0.9"),
         (&["selection.target=x"], "--set selection.target=x: is \"x\"; expected a number; allowed is 0 to 1"),
+        (
+            &["selection.target=0,9"],
+            "--set selection.target=0,9: is \"0,9\"; expected a number; allowed is 0 to 1; use a point as decimal separator",
+        ),
         (&["setups=-1"], "--set setups=-1: is -1; allowed is 1 to 4"),
-        (&["setups=1.5"], "--set setups=1.5: is 1.5; expected a whole number, 0 or more; allowed is 1 to 4"),
+        (&["setups=1.5"], "--set setups=1.5: is 1.5; expected a whole number; allowed is 1 to 4"),
         (&["=3"], "--set =3: names no parameter; give KEY=VALUE, such as selection.target=0.99"),
         (&["setups=99", "setups=9"], "--set setups=9: is 9; allowed is 1 to 4"),
         (&["selection={\"target\": 2}"], "--set selection={\"target\": 2}: /target: is 2; allowed is 0 to 1"),

@@ -43,7 +43,7 @@ const CROSS_SITE: &str = "the request came from another site's page; if it is th
 pub struct ApiKey(String);
 
 impl ApiKey {
-    /// True if the key can be sent in a header and is long enough to be a secret.
+    /// Returns true if the key can be sent in a header and is long enough to be a secret.
     #[must_use]
     pub fn is_valid(&self) -> bool {
         (16..=256).contains(&self.0.len()) && self.0.bytes().all(|c| c.is_ascii_graphic() && c != b';' && c != b',')
@@ -116,13 +116,30 @@ fn check(state: &ApiState, parts: &Parts) -> Result<Option<KeyName>, ApiError> {
     Ok(name)
 }
 
-/// Digest of the key that a request was admitted with; `None` where none is needed.
-pub(super) fn admitted_key(state: &ApiState, headers: &HeaderMap) -> Option<KeyDigest> {
-    if !state.keys.are_required() {
-        return None;
+/// Key or session that a request was admitted with, to be asked again while its answer goes on.
+pub(super) enum Admission {
+    /// Digest of the key in `Authorization`.
+    Key(KeyDigest),
+    /// Id of the session in the cookie.
+    Session(String),
+}
+
+impl Admission {
+    /// Admission of a request that [`require_key`] let pass; `None` where no key is needed.
+    pub(super) fn of(state: &ApiState, headers: &HeaderMap) -> Option<Self> {
+        let of_session = || session_id(headers).map(|id| Self::Session(id.to_owned()));
+        let key = bearer_token(headers).map(|token| Self::Key(digest_of(token)));
+        state.keys.are_required().then(|| key.or_else(of_session)).flatten()
     }
-    let of_session = || state.sessions.key_of(session_id(headers)?, Instant::now());
-    bearer_token(headers).map(digest_of).or_else(of_session)
+
+    /// Returns true while the key is one of the server's and the session is open. Asking is not a use of the session.
+    pub(super) fn holds(&self, state: &ApiState, now: Instant) -> bool {
+        let key = match self {
+            Self::Key(digest) => Some(*digest),
+            Self::Session(id) => state.sessions.begun_with(id, now),
+        };
+        key.is_some_and(|digest| state.keys.name_of(&digest, now).is_some())
+    }
 }
 
 /// The bearer token in `Authorization`.
@@ -138,7 +155,7 @@ pub(super) fn session_id(headers: &HeaderMap) -> Option<&str> {
     pairs.find(|(name, _)| *name == COOKIE_NAME).map(|(_, value)| value)
 }
 
-/// True for a method by which a request changes something.
+/// Returns true for a method by which a request changes something.
 pub(super) fn is_change(method: &Method) -> bool {
     !matches!(*method, Method::GET | Method::HEAD | Method::OPTIONS)
 }
@@ -153,7 +170,7 @@ pub(super) async fn refuse_cross_site(State(state): State<ApiState>, request: Re
     next.run(Request::from_parts(parts, body)).await
 }
 
-/// True if the request comes from a page of an origin in `server.cors_origins`.
+/// Returns true if the request comes from a page of an origin in `server.cors_origins`.
 fn is_admitted(headers: &HeaderMap, state: &ApiState) -> bool {
     header_text(headers, &ORIGIN).is_some_and(|origin| state.options.cors_origins.iter().any(|admitted| admitted == origin))
 }

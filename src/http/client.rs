@@ -102,7 +102,7 @@ fn behind(peer: IpAddr, headers: &HeaderMap, trusted_proxies: &[IpNetwork]) -> I
 }
 
 /// Entries of a list that may be spread over several headers; `None` for one that is not ASCII text, which keeps its place. Empty
-/// elements are none (RFC 9110, section 5.6.1.2).
+/// elements do not count (RFC 9110, section 5.6.1.2).
 fn entries<'a>(headers: &'a HeaderMap, name: &HeaderName) -> impl DoubleEndedIterator<Item = Option<&'a str>> + use<'a> {
     let lists = headers.get_all(name).iter();
     let elements = lists.flat_map(|list| list.as_bytes().split(|byte| *byte == b',')).map(<[u8]>::trim_ascii);

@@ -11,6 +11,7 @@ use axum::response::{IntoResponse, Response};
 use super::extract::header_text;
 use super::problem::{ApiError, Code};
 use crate::service::PartNames;
+use crate::wire::words::is_control;
 
 /// Part of a file that a request asks for.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -131,7 +132,7 @@ pub(super) fn result_name(part: &PartNames, other: &str, file: &str) -> String {
 /// File name of an upload: the last part of the path that a browser may send, without control characters.
 pub(super) fn upload_name(name: &str, max_chars: usize) -> Option<String> {
     let last = name.rsplit(['/', '\\']).next().unwrap_or(name);
-    let name: String = last.chars().filter(|c| !c.is_control()).take(max_chars).collect();
+    let name: String = last.chars().filter(|c| !is_control(*c)).take(max_chars).collect();
     Some(name).filter(|name| !name.trim().is_empty())
 }
 
@@ -144,7 +145,7 @@ fn shortened(stem: &str) -> String {
 
 /// The name without what some file system or header refuses; a leading dot would hide it.
 fn plain_name(name: &str) -> String {
-    let is_refused = |c: char| c.is_control() || "\"\\/:*?<>|%;".contains(c);
+    let is_refused = |c: char| is_control(c) || "\"\\/:*?<>|%;".contains(c);
     let plain: String = name.chars().map(|c| if is_refused(c) { '_' } else { c }).collect();
     let trimmed = plain.trim().trim_start_matches('.').trim_end_matches('.');
     if trimmed.is_empty() { "file".to_owned() } else { trimmed.to_owned() }
@@ -235,6 +236,7 @@ mod tests {
             ("plan.json", "inline; filename=\"plan.json\""),
             ("../a\\b:\"c\"\n.json", "inline; filename=\"_a_b__c__.json\""),
             ("Gehäuse 1.json", "inline; filename=\"Geh_use 1.json\"; filename*=UTF-8''Geh%C3%A4use%201.json"),
+            ("a\u{202e}b.stl", "inline; filename=\"a_b.stl\""),
             ("..", "inline; filename=\"file\""),
         ] {
             assert_eq!(content_disposition(Disposition::Inline, name), value, "{name}");
@@ -249,6 +251,7 @@ mod tests {
             ("../../part.stl", Some("part.stl")),
             ("C:\\parts\\part.stl", Some("part.stl")),
             ("Gehäuse\u{7}.stl", Some("Gehäuse.stl")),
+            ("\u{5e9}\u{5dc}\u{202e}cod.stl", Some("\u{5e9}\u{5dc}cod.stl")),
             ("", None),
             ("folder/", None),
             (" ", None),

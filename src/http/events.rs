@@ -10,9 +10,8 @@ use axum::response::sse::{Event, KeepAlive};
 use axum::response::{IntoResponse, Response, Sse};
 use futures_util::stream::{self, Stream, StreamExt};
 
-use super::auth::admitted_key;
+use super::auth::Admission;
 use super::client::Client;
-use super::keys::KeyDigest;
 use super::problem::{ApiError, Code};
 use super::quotas::{Permit, Resource};
 use super::router::ApiState;
@@ -21,8 +20,8 @@ use crate::wire::{JobId, RunId};
 
 /// Interval between keep-alive comments.
 const KEEP_ALIVE: Duration = Duration::from_secs(15);
-/// Time between two looks whether the key of a stream's client is still one of ours.
-const KEY_LOOK: Duration = Duration::from_secs(2);
+/// Interval between two looks whether the key or session of a stream's client still holds.
+const ADMISSION_LOOK: Duration = Duration::from_secs(2);
 /// Time that a client should wait before it reconnects.
 const RETRY: Duration = Duration::from_secs(3);
 
@@ -42,7 +41,7 @@ pub(super) async fn event_stream(
     }
     let first = opening(events.has_gap(), events.only_gap().map(|id| id.to_string()));
     let stream = stream::iter(first).map(Ok::<_, Infallible>).chain(sse_events(events, permit));
-    let stream = stream.take_until(Box::pin(revoked(state.clone(), admitted_key(state, headers))));
+    let stream = stream.take_until(Box::pin(revoked(state.clone(), Admission::of(state, headers))));
     let mut response = Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response();
     response.headers_mut().insert("x-accel-buffering", HeaderValue::from_static("no"));
     Ok(response)
@@ -62,11 +61,11 @@ fn opening(has_gap: bool, only_gap: Option<String>) -> Vec<Event> {
     first
 }
 
-/// Ends when the key with which a stream was begun is one of ours no more.
-async fn revoked(state: ApiState, key: Option<KeyDigest>) {
-    let Some(key) = key else { return std::future::pending().await };
-    while state.keys.name_of(&key, Instant::now()).is_some() {
-        tokio::time::sleep(KEY_LOOK).await;
+/// Ends when the key or session with which a stream was begun holds no more.
+async fn revoked(state: ApiState, admission: Option<Admission>) {
+    let Some(admission) = admission else { return std::future::pending().await };
+    while admission.holds(&state, Instant::now()) {
+        tokio::time::sleep(ADMISSION_LOOK).await;
     }
 }
 
@@ -105,7 +104,7 @@ pub(super) async fn run_event_stream(
     }
     let first = opening(events.has_gap(), events.only_gap().map(|place| place.to_string()));
     let stream = stream::iter(first).map(Ok::<_, Infallible>).chain(sse_run_events(events, permit));
-    let stream = stream.take_until(Box::pin(revoked(state.clone(), admitted_key(state, headers))));
+    let stream = stream.take_until(Box::pin(revoked(state.clone(), Admission::of(state, headers))));
     let mut response = Sse::new(stream).keep_alive(KeepAlive::new().interval(KEEP_ALIVE)).into_response();
     response.headers_mut().insert("x-accel-buffering", HeaderValue::from_static("no"));
     Ok(response)

@@ -22,6 +22,7 @@ use super::problem::{ApiError, Code};
 use super::router::ApiState;
 use crate::service::{Error, Precondition, Submission};
 use crate::wire;
+use crate::wire::words::is_control;
 
 /// Extractor of a JSON body; as an answer, its JSON.
 pub(super) struct Json<T>(pub T);
@@ -105,14 +106,14 @@ pub(super) fn body_error(error: &(dyn std::error::Error + 'static)) -> ApiError 
     ApiError::new(Code::BadBody, said)
 }
 
-/// True if the bytes that came were not chunks; a connection that ended early is an error of another kind.
+/// Returns true if the bytes that came were not chunks; a connection that ended early is an error of another kind.
 fn is_malformed(error: &(dyn std::error::Error + 'static)) -> bool {
     std::iter::successors(Some(error), |error| error.source())
         .filter_map(|cause| cause.downcast_ref::<io::Error>())
         .any(|cause| matches!(cause.kind(), io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput))
 }
 
-/// True if the body stalled for longer than `body_idle_timeout`.
+/// Returns true if the body stalled for longer than `body_idle_timeout`.
 pub(super) fn is_timeout(error: &(dyn std::error::Error + 'static)) -> bool {
     std::iter::successors(Some(error), |error| error.source()).any(|cause| cause.is::<tower_http::timeout::TimeoutError>())
 }
@@ -221,7 +222,7 @@ impl Params {
     /// Takes a text of 1 to `max_chars` characters, none of them a control character.
     pub(super) fn name(&mut self, name: &'static str, max_chars: usize) -> Result<Option<String>, ApiError> {
         let value = self.text(name);
-        if value.as_ref().is_some_and(|v| v.is_empty() || v.chars().count() > max_chars || v.chars().any(char::is_control)) {
+        if value.as_ref().is_some_and(|v| v.is_empty() || v.chars().count() > max_chars || v.chars().any(is_control)) {
             let said = format!("must have 1 to {max_chars} characters, none of them a control character");
             return Err(ApiError::query(name, &said));
         }
@@ -290,7 +291,7 @@ pub(super) fn check_if_match(headers: &HeaderMap, etag: &str) -> Result<(), ApiE
     Ok(())
 }
 
-/// True if `If-None-Match` lists the tag (weak comparison): the client has the current version.
+/// Returns true if `If-None-Match` lists the tag (weak comparison): the client has the current version.
 pub(super) fn etag_matches(headers: &HeaderMap, etag: &str) -> bool {
     headers
         .get_all(IF_NONE_MATCH)

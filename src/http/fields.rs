@@ -22,7 +22,7 @@ impl Fields {
     /// Takes `fields`, names of fields of `T` with commas between them.
     ///
     /// # Errors
-    /// `bad_query` for a name that is none.
+    /// `bad_query` for a name that is not a field of `T`.
     pub(super) fn take<T: PartialSchema>(params: &mut Params) -> Result<Self, ApiError> {
         let Some(text) = params.text("fields") else { return Ok(Self(None)) };
         let known = names::<T>();

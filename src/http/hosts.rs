@@ -41,7 +41,7 @@ fn check_host(request: &Request, options: &ServerOptions) -> Result<(), ApiError
     Err(ApiError::at(Code::HostNotAllowed, "Host", detail))
 }
 
-/// True for a host, with or without a port, to which the server answers. In lower case.
+/// Returns true for a host, with or without a port, to which the server answers. In lower case.
 pub(super) fn is_answered(authority: &str, options: &ServerOptions) -> bool {
     let host = name(authority);
     let is_any_harmless = options.hosts.is_empty() && options.requires_key();

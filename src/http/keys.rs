@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 
 use super::auth::ApiKey;
 use super::options::ServerOptions;
-use crate::service::metrics;
+use crate::service::{LogPace, metrics};
 use crate::wire::is_spec_name;
 
 /// Name of the key in the settings.
@@ -41,16 +41,8 @@ struct NamedKey {
 pub(super) struct Keys {
     of_settings: Option<NamedKey>,
     file: Option<KeysFile>,
-    wrong: Mutex<WrongKeys>,
-}
-
-/// Wrong keys that were presented.
-#[derive(Debug, Default)]
-struct WrongKeys {
-    /// Time at which the log was told of them last.
-    told: Option<Instant>,
-    /// Number of those since then.
-    untold: u64,
+    /// Lines of the log on wrong keys.
+    wrong: Mutex<LogPace>,
 }
 
 /// A file of keys.
@@ -74,10 +66,10 @@ impl Keys {
     pub(super) fn open(options: &ServerOptions) -> Self {
         let of_settings = options.api_key.as_ref().map(NamedKey::of_settings);
         let file = options.api_keys_file.clone().map(|path| KeysFile::open(path, of_settings.as_ref()));
-        Self { of_settings, file, wrong: Mutex::default() }
+        Self { of_settings, file, wrong: Mutex::new(LogPace::every(WRONG_INTERVAL)) }
     }
 
-    /// True if requests need a key, also where none is right at the moment.
+    /// Returns true if requests need a key, also where none is right at the moment.
     pub(super) fn are_required(&self) -> bool {
         self.of_settings.is_some() || self.file.is_some()
     }
@@ -87,16 +79,10 @@ impl Keys {
         self.name_of(&digest_of(presented), now)
     }
 
-    /// Counts a wrong key. Where the log is to be told, returns the number of those that it was not told of.
+    /// Counts a wrong key. Returns the number of those since the latest line of the log where another line is due.
     pub(super) fn count_wrong(&self, now: Instant) -> Option<u64> {
         // Whole after every operation, also where a thread died in between.
-        let mut wrong = self.wrong.lock().unwrap_or_else(PoisonError::into_inner);
-        wrong.untold += 1;
-        if wrong.told.is_some_and(|told| now.saturating_duration_since(told) < WRONG_INTERVAL) {
-            return None;
-        }
-        wrong.told = Some(now);
-        Some(std::mem::take(&mut wrong.untold))
+        self.wrong.lock().unwrap_or_else(PoisonError::into_inner).count(now)
     }
 
     /// Name of the key with this digest, if it is still one of ours.
@@ -188,7 +174,8 @@ fn read_changed(path: &Path, of_settings: Option<&NamedKey>) -> Result<Vec<Named
 }
 
 fn text_of(path: &Path) -> Result<String, String> {
-    std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
+    let next = "name a text file that the server's user may read";
+    std::fs::read_to_string(path).map_err(|error| format!("{}: {error}; {next}", path.display()))
 }
 
 fn parse(path: &Path, text: &str, of_settings: Option<&NamedKey>) -> Result<Vec<NamedKey>, String> {
@@ -203,7 +190,7 @@ fn parse(path: &Path, text: &str, of_settings: Option<&NamedKey>) -> Result<Vec<
             path.display()
         )),
         (true, false) => Err(format!(
-            "{}: the key of {name:?} must be 16 to 256 visible ASCII characters, without ; and ,",
+            "{}: the key of {name:?} must be 16 to 256 visible ASCII characters, without ; and ,; give another",
             path.display()
         )),
     });

@@ -11,7 +11,7 @@ use axum::http::header::{
     CONTENT_TYPE, ETAG, HeaderName, IF_MATCH, IF_NONE_MATCH, IF_RANGE, LOCATION, RANGE, REFERRER_POLICY, RETRY_AFTER,
     TRANSFER_ENCODING, X_CONTENT_TYPE_OPTIONS,
 };
-use axum::http::{HeaderMap, HeaderValue, Method};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use tower_http::cors::CorsLayer;
@@ -82,7 +82,7 @@ fn count(method: &Method, route: &str, status: u16, seconds: f64) {
     });
 }
 
-/// True for a change that was made, of which the log tells whose it was. Renewals of a lease, which come several times a second, and
+/// Returns true for a change that was made, of which the log tells whose it was. Renewals of a lease, which come several times a second, and
 /// checks leave nothing behind.
 fn is_told(method: &Method, route: &str, status: u16) -> bool {
     let is_kept = !matches!((method.as_str(), route), ("PUT", "/api/v1/leases/{id}") | ("POST", "/api/v1/check"));
@@ -96,7 +96,7 @@ const PROBES: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 /// Routes of a POST that brings arm and table to rest.
 const STOPS: [&str; 2] = ["/api/v1/runs/{id}/pause", "/api/v1/runs/{id}/stop"];
 
-/// True for a request to pause or to stop a run. No limit of connections and no header of its body refuses it: arm and table would
+/// Returns true for a request to pause or to stop a run. No limit of connections and no header of its body refuses it: arm and table would
 /// go on moving.
 fn brings_to_rest(request: &Request) -> bool {
     let route = request.extensions().get::<MatchedPath>().map(|route| route.as_str().trim_end_matches('/'));
@@ -168,6 +168,15 @@ pub(super) fn weaken(headers: &mut HeaderMap) {
     }
 }
 
+/// Answers OPTIONS with 204 where there is a route (RFC 9110, section 9.3.7). The router, which refuses the method, adds `Allow` to that as
+/// to its refusals.
+pub(super) async fn answer_options(request: Request, next: Next) -> Response {
+    let is_options = request.method() == Method::OPTIONS;
+    let response = next.run(request).await;
+    let is_route = is_options && response.status() == StatusCode::METHOD_NOT_ALLOWED;
+    if is_route { StatusCode::NO_CONTENT.into_response() } else { response }
+}
+
 /// Answers 503 if the response does not begin within `request_timeout`.
 pub(super) async fn limit_response_time(State(state): State<ApiState>, request: Request, next: Next) -> Response {
     match tokio::time::timeout(state.options.request_timeout, next.run(request)).await {
@@ -217,7 +226,6 @@ pub(super) fn cross_origin(origins: &[String]) -> Option<CorsLayer> {
 #[cfg(test)]
 mod tests {
     use axum::Router;
-    use axum::http::StatusCode;
     use axum::middleware::from_fn;
     use axum::routing::post;
     use tower::ServiceExt as _;

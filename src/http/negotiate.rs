@@ -85,7 +85,7 @@ fn weight(ranges: &[Range<'_>], offer: &Representation) -> u16 {
     matching.max_by_key(|(specificity, _)| *specificity).map_or(0, |(_, weight)| weight)
 }
 
-/// True if the client accepts gzip (RFC 9110, section 12.5.3).
+/// Returns true if the client accepts gzip (RFC 9110, section 12.5.3).
 pub(super) fn accepts_gzip(headers: &HeaderMap) -> bool {
     let accept = headers.get_all(ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
     let codings = accept.flat_map(|value| value.split(',')).filter_map(|coding| {

@@ -117,7 +117,7 @@ async fn says_nothing(body: Body, mut rate: BodyRate) -> Result<bool, ApiError> 
     Ok(is_nothing(&bytes))
 }
 
-/// True for white space, and for the `{}` and `null` of clients that send JSON with every request. The media type does not
+/// Returns true for white space, and for the `{}` and `null` of clients that send JSON with every request. The media type does not
 /// matter: none gives these bytes a meaning that could be missed.
 fn is_nothing(body: &[u8]) -> bool {
     let text = body.trim_ascii();

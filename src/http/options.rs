@@ -61,7 +61,7 @@ pub struct Quota {
 }
 
 impl ServerOptions {
-    /// True if everything under `/api` requires a key.
+    /// Returns true if everything under `/api` requires a key.
     #[must_use]
     pub fn requires_key(&self) -> bool {
         self.api_key.is_some() || self.api_keys_file.is_some()

@@ -45,7 +45,7 @@ impl<S> ProblemStream<S> {
     }
 }
 
-/// Code of the problem for an answer of hyper's own; `None` for bytes that are none.
+/// Code of the problem for an answer of hyper's own; `None` for bytes that are not such an answer.
 fn code_of(head: &[u8]) -> Option<Code> {
     let rest = head.strip_prefix(b"HTTP/1.1 ").or_else(|| head.strip_prefix(b"HTTP/1.0 "))?;
     match rest.get(..3)? {

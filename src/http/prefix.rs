@@ -43,7 +43,7 @@ impl FromRequestParts<ApiState> for Prefix {
     }
 }
 
-/// True for a path prefix: empty, or `/` and names, none of them `.` or `..`.
+/// Returns true for a path prefix: empty, or `/` and names, none of them `.` or `..`.
 #[must_use]
 pub fn is_public_path(path: &str) -> bool {
     let Some(names) = path.strip_suffix('/').unwrap_or(path).strip_prefix('/') else { return path.is_empty() };

@@ -125,7 +125,7 @@ codes! {
     InvalidFields "invalid_fields" UNPROCESSABLE_ENTITY "Fields are out of range or inconsistent" "`errors` lists every field at fault, with its value and what is allowed.";
     BadPageToken "bad_page_token" UNPROCESSABLE_ENTITY "The page token is invalid" "The page token does not belong to this listing with these filters.";
     MeshUnreadable "mesh_unreadable" UNPROCESSABLE_ENTITY "The file is not a mesh that can be planned" "The file is not STL, OBJ or PLY, is damaged, or exceeds the limits; `detail` says where and why.";
-    DigestMismatch "digest_mismatch" UNPROCESSABLE_ENTITY "The digest does not match the body" "The SHA-256 of the body differs from the one in `Content-Digest`: the body was changed in transit.";
+    DigestMismatch "digest_mismatch" UNPROCESSABLE_ENTITY "The digest does not match the body" "The SHA-256 of the body, of a form also that of its file, differs from the one in `Content-Digest`: the body was changed in transit.";
     IdempotencyMismatch "idempotency_mismatch" UNPROCESSABLE_ENTITY "The Idempotency-Key was used for another request" "The same key was sent with a different request within 24 hours.";
     PreconditionRequired "precondition_required" PRECONDITION_REQUIRED "A precondition is required" "The specification exists; send its entity tag in `If-Match`.";
     LeaseRequired "lease_required" PRECONDITION_REQUIRED "A lease is required" "Moving a cell needs the fencing token of its lease (`POST /api/v1/leases`), as `?token=`.";
@@ -214,8 +214,17 @@ impl ApiError {
 
     /// Invalid fields; a single one is told in the detail, several as `all`.
     fn invalid(fields: Vec<ProblemField>, all: String) -> Self {
-        let detail = if let [only] = &fields[..] { sentence(only) } else { all };
+        let detail = if let [only] = &fields[..] { placed(only) } else { all };
         Self::new(Code::InvalidFields, detail).with_errors(fields)
+    }
+
+    /// Error told with the number of jobs that had been deleted before it.
+    fn after_deletions(self, deleted: u64) -> Self {
+        let detail = format!(
+            "{}; {deleted} of the selected jobs had been deleted before this failure; send the request again for the others",
+            self.detail
+        );
+        Self { detail, ..self }
     }
 
     fn with_etag(mut self, etag: Option<String>) -> Self {
@@ -234,27 +243,23 @@ impl From<Vec<ParseError>> for ApiError {
             }
         }
         let detail = match &fields[..] {
-            [only] => sentence(only),
+            [whole] if whole.pointer.is_empty() => format!("the body: {}", whole.detail),
+            [only] => placed(only),
             all => format!("{} fields are missing, unknown or of the wrong type; `errors` names each", all.len()),
         };
         Self::new(Code::BadShape, detail).with_errors(fields)
     }
 }
 
-/// One fault of a body in a sentence, which names the field.
-fn sentence(field: &ProblemField) -> String {
+/// One fault of a request with its field, as commands tell one of a file.
+fn placed(field: &ProblemField) -> String {
     let ProblemField { pointer, detail } = field;
-    let is_predicate = ["is ", "has ", "must "].iter().any(|verb| detail.starts_with(verb));
-    match (pointer.as_str(), is_predicate) {
-        ("", true) => format!("the body {detail}"),
-        ("", false) => detail.clone(),
-        (pointer, true) => format!("{pointer} {detail}"),
-        (pointer, false) => format!("{pointer}: {detail}"),
-    }
+    if pointer.is_empty() { detail.clone() } else { format!("{pointer}: {detail}") }
 }
 
 /// Detail of a failure of the store that passes.
-const BUSY: &str = "the store is temporarily unavailable: it is locked, or the machine is short of a resource";
+const BUSY: &str = "the store is temporarily unavailable: it is locked, or the machine is short of a resource; send the request again \
+                    after the seconds in Retry-After";
 /// Detail of a failure whose cause callers do not learn.
 const INTERNAL: &str = "the request failed; the server's log has the cause under this request_id";
 
@@ -288,7 +293,7 @@ impl From<Error> for ApiError {
             Error::InspectionEnded { .. } => Self::new(Code::InspectionEnded, detail),
             Error::NoInspection { .. } => Self::new(Code::NoInspection, detail),
             Error::RunNotEnded { .. } => Self::new(Code::RunNotEnded, detail),
-            Error::RunStateRefused { .. } => Self::new(Code::RunStateRefused, detail),
+            Error::RunStateRefused { .. } | Error::RunStopping { .. } => Self::new(Code::RunStateRefused, detail),
             Error::RunRefused(_) => Self::new(Code::RunRefused, detail),
             Error::CellInUse { .. } => Self::new(Code::CellInUse, detail),
             Error::TooManyRuns { .. } => Self::new(Code::TooManyRuns, detail),
@@ -308,7 +313,8 @@ impl From<Error> for ApiError {
             Error::IdempotencyMismatch => Self::new(Code::IdempotencyMismatch, detail),
             Error::BadPageToken => Self::at(Code::BadPageToken, "page_token", detail),
             Error::QueueFull { .. } => Self::new(Code::QueueFull, detail),
-            Error::StorageFull | Error::StorageLow { .. } => Self::new(Code::StorageFull, detail),
+            Error::StorageFull | Error::StorageLow { .. } | Error::Unrecovered(_) => Self::new(Code::StorageFull, detail),
+            Error::PartlyDeleted { deleted, cause } => Self::from(*cause).after_deletions(deleted),
             Error::JobHeld { .. } => Self::new(Code::JobHeld, detail),
             Error::TooSlow => Self::new(Code::TooSlow, detail),
             cause @ Error::FileDamaged { .. } => Self::caused(Code::FileDamaged, &detail, cause),
@@ -354,7 +360,7 @@ pub(super) fn finish(mut response: Response, prefix: &Prefix, path: &str, reques
     response
 }
 
-/// The bytes of the response on a connection whose request was not read, or is none; the connection closes after it.
+/// The bytes of the response on a connection whose request was not read, or is not HTTP; the connection closes after it.
 pub(super) fn raw_response(code: Code) -> Vec<u8> {
     let body = body(ApiError::new(code, code.meaning()), &Prefix::default(), "", &uuid::Uuid::now_v7().to_string());
     let (status, reason) = (code.status().as_u16(), code.status().canonical_reason().unwrap_or_default());
@@ -416,13 +422,13 @@ fn from_status(status: StatusCode) -> ApiError {
     ApiError::new(code, code.meaning())
 }
 
-/// True for problems that may have passed by the next attempt.
+/// Returns true for problems that may have passed by the next attempt.
 fn is_temporary(code: Code) -> bool {
     use Code::{Busy, NotReady, QueueFull, Stopping, StorageFull, TooManyRequests, TooManyRuns, TooSlow};
     matches!(code, Busy | NotReady | QueueFull | Stopping | StorageFull | TooManyRequests | TooManyRuns | TooSlow)
 }
 
-/// True for codes that a status alone does not imply.
+/// Returns true for codes that a status alone does not imply.
 fn is_specific(code: Code) -> bool {
     matches!(
         code,

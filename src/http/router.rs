@@ -222,7 +222,8 @@ pub fn router(app: App, options: ServerOptions) -> Router {
     let mut router = router
         .merge(pages())
         .layer(CatchPanicLayer::custom(layers::panic_response))
-        .layer(from_fn_with_state(state.clone(), auth::refuse_cross_site));
+        .layer(from_fn_with_state(state.clone(), auth::refuse_cross_site))
+        .layer(from_fn(layers::answer_options));
     if let Some(cross_origin) = layers::cross_origin(&state.options.cors_origins) {
         router = router.layer(cross_origin);
     }

@@ -134,7 +134,7 @@ fn listen(address: SocketAddr) -> std::io::Result<TcpListener> {
     socket.listen(BACKLOG)
 }
 
-/// True for errors of a connection that was lost before it was accepted; they do not affect the next one.
+/// Returns true for errors of a connection that was lost before it was accepted; they do not affect the next one.
 fn is_of_one_connection(error: &std::io::Error) -> bool {
     use std::io::ErrorKind;
     matches!(error.kind(), ErrorKind::ConnectionAborted | ErrorKind::ConnectionReset | ErrorKind::ConnectionRefused)

@@ -67,6 +67,12 @@ impl Sessions {
         }
     }
 
+    /// Digest of the key that an open session was begun with; asking is not a use.
+    pub(super) fn begun_with(&self, id: &str, now: Instant) -> Option<KeyDigest> {
+        let session = self.lock().get(&hash(id)).copied();
+        session.filter(|session| now.saturating_duration_since(session.used) < IDLE_TIMEOUT).map(|session| session.key)
+    }
+
     /// Ends a session; unknown ids are ignored.
     pub(super) fn end(&self, id: &str) {
         self.lock().remove(&hash(id));

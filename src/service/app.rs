@@ -13,11 +13,13 @@ use super::calibrations::Calibrations;
 use super::cells::KeptCells;
 use super::error::{Error, InternalError};
 use super::inspections::Inspections;
-use super::jobs::{self, JobRunner};
+use super::jobs::JobRunner;
+use super::log_pace::LogPace;
 use super::maintenance::maintain;
 use super::options::Options;
 use super::parse_memory::ParseMemory;
 use super::planner::{JobInput, Planner, plan_files};
+use super::recovery::Recovery;
 use super::runs::Runs;
 use super::size::{Sizer, size_of};
 use super::store::{OpenError, Store};
@@ -27,6 +29,8 @@ use crate::wire::{JobState, ReadinessCheck, ReadinessSubject as Subject};
 const MAX_RESOLVING: usize = 4;
 /// Min time between two probes of the store.
 const PROBE_INTERVAL: Duration = Duration::from_secs(1);
+/// Time between two lines of the log on a reserve that could not be filled.
+const UNKEPT_INTERVAL: Duration = Duration::from_secs(60);
 
 /// The service. Clones share one state.
 #[derive(Clone)]
@@ -46,6 +50,12 @@ pub(super) struct Inner {
     pub(super) resolving: Arc<Semaphore>,
     /// Limits the concurrent uploads.
     pub(super) uploads: Arc<Semaphore>,
+    /// Held while the reserve is given up or filled.
+    pub(super) reserve: Mutex<()>,
+    /// Lines of the log on a reserve that could not be filled.
+    pub(super) unkept_reserve: std::sync::Mutex<LogPace>,
+    /// State of the recovery.
+    pub(super) recovery: Recovery,
     /// Held while a report is drawn.
     pub(super) drawing: Mutex<()>,
     /// Runs that have not ended, and leases.
@@ -61,7 +71,8 @@ pub(super) struct Inner {
 }
 
 impl App {
-    /// Opens the store, recovers the jobs that an earlier process left unfinished, and starts the workers.
+    /// Opens the store, recovers the jobs that an earlier process left unfinished, and starts the workers. On a full disk, recovery
+    /// waits for room, and only reads, cancellations and deletions are possible until then.
     ///
     /// # Errors
     /// [`OpenError`].
@@ -101,7 +112,7 @@ impl App {
         let (stopping, tasks) = (CancellationToken::new(), TaskTracker::new());
         let (uploads, resolving) =
             (Arc::new(Semaphore::new(options.max_uploads.max(1))), Arc::new(Semaphore::new(MAX_RESOLVING)));
-        let (drawing, probed) = (Mutex::default(), Mutex::default());
+        let (drawing, probed, reserve) = (Mutex::default(), Mutex::default(), Mutex::default());
         let runs = Runs::new(store.last_fence().await?).map_err(OpenError::Carrier)?;
         let (calibrations, inspections) = (Calibrations::default(), Inspections::default());
         let inner = Inner {
@@ -113,6 +124,9 @@ impl App {
             parse_memory,
             resolving,
             uploads,
+            reserve,
+            unkept_reserve: std::sync::Mutex::new(LogPace::every(UNKEPT_INTERVAL)),
+            recovery: Recovery::default(),
             drawing,
             runs,
             calibrations,
@@ -122,11 +136,7 @@ impl App {
             tasks,
         };
         let app = Self(Arc::new(inner));
-        app.recover().await?;
-        app.recover_runs().await?;
-        app.recover_calibrations().await?;
-        app.recover_inspections().await?;
-        app.spawn(jobs::dispatch(app.clone()));
+        app.begin().await?;
         app.spawn(maintain(app.clone()));
         Ok(app)
     }
@@ -172,12 +182,12 @@ impl App {
         vec![
             check(Subject::NotStopping, unless(!self.0.stopping.is_cancelled(), stopping)),
             check(Subject::Storage, unless(self.is_usable().await, unusable)),
-            check(Subject::FreeSpace, self.check_space(0).err().map(|error| error.to_string())),
+            check(Subject::FreeSpace, self.unrecovered().or_else(|| self.check_space(0).err().map(|error| error.to_string()))),
             check(Subject::Planning, unless(self.0.runner.is_alive(), "no planning thread is left; restart the server")),
         ]
     }
 
-    /// True if the store can be read and written. Any client may ask, and a probe costs a write: so there is at most one per second.
+    /// Returns true if the store can be read and written. Any client may ask, and a probe costs a write: so there is at most one per second.
     async fn is_usable(&self) -> bool {
         let mut probed = self.0.probed.lock().await;
         if let Some((at, usable)) = *probed
@@ -225,7 +235,8 @@ impl App {
     ) -> Result<T, Error> {
         // One type of task for each result: tokio compiles a hundred functions for every one.
         let change: BoxFuture<'static, Result<T, Error>> = Box::pin(change);
-        tokio::spawn(change).await.map_err(|error| Error::from(InternalError::Task(error.to_string())))?
+        let done = tokio::spawn(change).await.map_err(|error| Error::from(InternalError::Task(error.to_string())))?;
+        self.told_full(done).await
     }
 
     /// Folder of the store.

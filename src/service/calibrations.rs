@@ -99,7 +99,7 @@ impl App {
     ///
     /// # Errors
     /// [`Error::Invalid`], [`Error::IdempotencyMismatch`], [`Error::QueueFull`], [`Error::Draining`], [`Error::TooSlow`],
-    /// [`Error::StorageFull`], [`Error::StorageLow`], [`Error::StorageBusy`], [`Error::Internal`].
+    /// [`Error::StorageFull`], [`Error::StorageLow`], [`Error::Unrecovered`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn submit_calibration(&self, request: CalibrationRequest, submission: Submission) -> Result<CalibrationJob, Error> {
         let idempotency = submission.idempotency(&format!("POST /api/v1/calibrations {}", serde_json::to_string(&request)?));
         if let Some(answer) = self.answered_before(idempotency.as_ref()).await? {
@@ -224,14 +224,22 @@ impl App {
     /// # Errors
     /// [`Error::CalibrationNotFound`], [`Error::CalibrationNotQueued`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn cancel_calibration(&self, id: CalibrationId) -> Result<CalibrationJob, Error> {
-        let cancel = |job: &mut CalibrationJob| job.state = CalibrationState::Cancelled;
-        let job = self.freeing(|| self.change_calibration(id, &[CalibrationState::Queued], cancel, None)).await?;
-        let job = match self.0.calibrations.watch_of(id).filter(|_| job.state == CalibrationState::Running) {
-            None => job,
-            Some(watch) => {
+        let app = self.clone();
+        // To its end though the caller goes away: what is told as cancelled is stopped, and the reserve is filled again.
+        let change = async move {
+            let cancel = |job: &mut CalibrationJob| job.state = CalibrationState::Cancelled;
+            let job = app.freeing(|| app.change_calibration(id, app.cancelled_at_once(id), cancel, None)).await?;
+            let watch = app.0.calibrations.watch_of(id);
+            if let Some(watch) = &watch {
                 watch.cancel.store(true, Ordering::Relaxed);
-                self.calibration_when_ended(id, CANCEL_WAIT).await?
             }
+            Ok::<_, Error>((job, watch.is_some()))
+        };
+        let (job, is_computed) = self.run_to_completion(change).await?;
+        let job = if is_computed && job.state == CalibrationState::Running {
+            self.calibration_when_ended(id, CANCEL_WAIT).await?
+        } else {
+            job
         };
         match job.state {
             // It hears of it at the next stage.
@@ -240,6 +248,13 @@ impl App {
                 Err(Error::CalibrationNotQueued { calibration: id, state: job.state })
             }
         }
+    }
+
+    /// States in which a calibration is cancelled by its row alone. One that is called running before all is recovered, and is not
+    /// computed, was left so by an earlier process: nobody else would hear of the cancellation, and recovery would begin it again.
+    fn cancelled_at_once(&self, id: CalibrationId) -> &'static [CalibrationState] {
+        let is_left = self.unrecovered().is_some() && self.0.calibrations.watch_of(id).is_none();
+        if is_left { &OPEN } else { &[CalibrationState::Queued] }
     }
 
     /// Deletes an ended calibration.
@@ -254,19 +269,20 @@ impl App {
     /// Begins again what an earlier process left.
     pub(super) async fn recover_calibrations(&self) -> Result<(), Error> {
         let exhausted = self.exhausted();
-        for LeftOver { id, attempts } in self.freeing(|| self.0.store.calibrations_left_over()).await? {
+        for LeftOver { id, attempts } in self.recovering(|| self.0.store.calibrations_left_over()).await? {
             let problem = (attempts >= self.0.options.max_attempts).then(|| exhausted.clone());
             let again = move |job: &mut CalibrationJob| {
                 job.state = if problem.is_some() { CalibrationState::Failed } else { CalibrationState::Queued };
                 job.problem = problem;
             };
             let change = || self.change_calibration(id, &[CalibrationState::Running], again.clone(), None);
-            match self.freeing(change).await {
+            match self.recovering(change).await {
                 Ok(job) if job.state == CalibrationState::Queued => self.spawn(self.clone().carry_out_calibration(id)),
-                Ok(_) => {}
+                // Deleted meanwhile: recovery may have waited for room.
+                Ok(_) | Err(Error::CalibrationNotFound(_)) => {}
                 Err(Error::Internal(InternalError::Row(reason))) => {
                     tracing::error!(calibration = %id, reason, "a stored calibration cannot be read; it counts as failed");
-                    self.0.store.give_up_calibration(id).await?;
+                    self.recovering(|| self.0.store.give_up_calibration(id)).await?;
                 }
                 Err(error) => return Err(error),
             }

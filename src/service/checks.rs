@@ -17,6 +17,7 @@ use crate::check::{
 use crate::geometry::Mesh;
 use crate::planning::context::{Context, Silent};
 use crate::wire::hex;
+use crate::wire::part_size::SizeLimits;
 use crate::wire::plan::PlanDocument;
 use crate::wire::{CheckReport, CheckRequest, DocumentKind, MeshId, ProblemField, UtcTime};
 
@@ -44,6 +45,14 @@ impl Surroundings {
         match self {
             Self::Cell(cell) => CheckPlace::Cell(cell),
             Self::NoCell(scanner) => CheckPlace::NoCell(scanner.as_deref()),
+        }
+    }
+
+    /// Sizes of parts that suit it; `None` without a scanner.
+    fn limits(&self) -> Option<SizeLimits> {
+        match self {
+            Self::Cell(cell) => Some(SizeLimits::new(&cell.scanner, Some(cell))),
+            Self::NoCell(scanner) => scanner.as_deref().map(|scanner| SizeLimits::new(scanner, None)),
         }
     }
 }
@@ -82,16 +91,18 @@ fn report(request: CheckRequest, library: &Library, app: &App) -> Result<CheckRe
         fixture.into_iter().for_each(|fixture| sound.tell_fixture(fixture));
         sound
     });
-    Ok(told(kind, checked))
+    let limits = surroundings.as_ref().and_then(Surroundings::limits);
+    Ok(CheckReport { part_edge_mm: limits.map(|limits| limits.edge_mm()), ..told(kind, checked) })
 }
 
-/// The report on what was found.
+/// Report on what was found, without the sizes of parts.
 fn told(kind: Option<DocumentKind>, checked: Result<Sound, Vec<FieldError>>) -> CheckReport {
     let unsound = CheckReport {
         kind,
         sound: false,
         description: None,
         measured_of_asked: None,
+        part_edge_mm: None,
         findings: Vec::new(),
         warnings: Vec::new(),
         verified: Vec::new(),

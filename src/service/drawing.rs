@@ -1,7 +1,8 @@
 //! Reports drawn when somebody asks for them. A job leaves a draft, which holds all that its pictures need: neither the mesh nor the
 //! plan is read again, so a report can be drawn after they were deleted, and by a later version. The first request draws it
-//! on threads of its own and stores it in place of the draft; requests that come meanwhile wait for that. One report is drawn at a
-//! time, which bounds the memory: that of the draft, 50 MB at most for parts of any size, and 25 MB for each thread of the pool.
+//! on threads of its own and stores it in place of the draft; requests that come meanwhile wait for that. A full disk keeps the draft,
+//! and each request draws the report. One report is drawn at a time, which bounds the memory: that of the draft, 50 MB at most for
+//! parts of any size, and 25 MB for each thread of the pool.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,12 +10,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::app::App;
 use super::error::{Error, InternalError};
 use super::plan_job::{Artifact, REPORT_DRAFT_FILE, REPORT_FILE, drawn_report};
+use super::queries::ResultBody;
 use super::store::ResultFile;
 use crate::wire::JobId;
 
 impl App {
     /// A job's result; its report is drawn if nobody has asked for it before.
-    pub(super) async fn stored_result(&self, id: JobId, name: &str) -> Result<ResultFile, Error> {
+    pub(super) async fn found_result(&self, id: JobId, name: &str) -> Result<ResultBody, Error> {
         if name == REPORT_DRAFT_FILE {
             return Err(Error::NoSuchResult { job: id, name: name.to_owned(), advice: "" });
         }
@@ -24,11 +26,11 @@ impl App {
                 // Whoever asked may go away: the next one has it then.
                 self.run_to_completion(async move { app.draw_report(id).await }).await
             }
-            found => found,
+            found => Ok(self.body_of(found?)),
         }
     }
 
-    async fn draw_report(&self, id: JobId) -> Result<ResultFile, Error> {
+    async fn draw_report(&self, id: JobId) -> Result<ResultBody, Error> {
         let _alone = self.0.drawing.lock().await;
         let none = |error: Error| {
             if let Error::NoSuchResult { job, advice, .. } = error {
@@ -38,7 +40,7 @@ impl App {
         };
         match self.0.store.result(id, REPORT_FILE).await {
             Err(Error::NoSuchResult { .. }) => {}
-            drawn_meanwhile => return drawn_meanwhile,
+            drawn_meanwhile => return Ok(self.body_of(drawn_meanwhile?)),
         }
         let draft = self.0.store.result(id, REPORT_DRAFT_FILE).await.map_err(none)?;
         let draft = self.0.store.read_result(&draft).await?;
@@ -57,13 +59,21 @@ impl App {
             Ok(report) => report.ok_or_else(unread)?,
             Err(_) => return Err(Error::Draining),
         };
-        self.keep_drawn(id, report).await
+        self.keep_or_give(id, report).await
+    }
+
+    /// Stores a drawn report. Where the disk has no room for it, it is given out all the same, and drawn again for the next request.
+    async fn keep_or_give(&self, id: JobId, report: Artifact) -> Result<ResultBody, Error> {
+        match self.keep_drawn(id, report.clone()).await {
+            Err(Error::StorageFull | Error::StorageLow { .. }) => Ok(self.body_of_unstored(report)),
+            kept => Ok(self.body_of(kept?)),
+        }
     }
 
     /// Stores a drawn report in place of its draft. One that no row names in the end, as that of a job that was deleted meanwhile, is
     /// taken back.
     async fn keep_drawn(&self, id: JobId, report: Artifact) -> Result<ResultFile, Error> {
-        let stored = self.0.store.put_artifacts(Arc::new(vec![report])).await?;
+        let stored = self.put_results(Arc::new(vec![report])).await?;
         let replaced = self.0.store.replace_draft(id, &stored).await;
         let written = stored.written.clone();
         // Pinned until here: whoever deletes the job from now on removes the file.

@@ -123,7 +123,7 @@ pub enum Error {
         name: String,
     },
     /// The lease does not exist, or has ended.
-    #[error("there is no lease {0}; it was given back or not renewed in time")]
+    #[error("there is no lease {0}: it was given back or not renewed in time; take it anew with POST /api/v1/leases")]
     LeaseNotFound(LeaseId),
     /// Somebody else holds the lease.
     #[error(
@@ -199,6 +199,19 @@ pub enum Error {
         /// Deed that was asked for, as a participle.
         deed: &'static str,
     },
+    /// The run is being stopped.
+    #[error(
+        "run {run} is being stopped; it cannot be {deed}. Wait until it has ended, then start a new run from the step that it \
+         reached. Cause of the stop: {cause}"
+    )]
+    RunStopping {
+        /// The run.
+        run: RunId,
+        /// Deed that was asked for, as a participle.
+        deed: &'static str,
+        /// Words for the cause of the stop.
+        cause: String,
+    },
     /// The session refused a command.
     #[error("{0}")]
     RunRefused(String),
@@ -225,13 +238,15 @@ pub enum Error {
     #[error("{0}")]
     MeshUnreadable(String),
     /// The upload exceeds the size limit.
-    #[error("the file is larger than the allowed {limit_bytes} bytes")]
+    #[error(
+        "the file is larger than the allowed {limit_bytes} bytes; send a smaller one, or raise limits.upload_bytes of the server"
+    )]
     UploadTooLarge {
         /// Max size.
         limit_bytes: u64,
     },
     /// The upload's digest differs from the announced one.
-    #[error("the file's SHA-256 is {found}, not the announced {announced}")]
+    #[error("the file's SHA-256 is {found}, not the announced {announced}; upload the file again")]
     DigestMismatch {
         /// Digest of the received bytes.
         found: String,
@@ -272,6 +287,16 @@ pub enum Error {
     /// An inspection or a run of the job has not ended.
     #[error("job {0} has an inspection or a run that has not ended; cancel or stop it, or wait until it has ended")]
     JobInUse(JobId),
+    /// A deletion of several jobs failed after some of them.
+    #[error(
+        "{cause}; {deleted} of the selected jobs had been deleted before this failure; send the request again for the others"
+    )]
+    PartlyDeleted {
+        /// Number of jobs that were deleted.
+        deleted: u64,
+        /// Error at the next job.
+        cause: Box<Self>,
+    },
     /// The job has ended: there is nothing to cancel.
     #[error("job {job} is {}; there is nothing to cancel", state.as_str())]
     JobEnded {
@@ -307,16 +332,16 @@ pub enum Error {
         etag: String,
     },
     /// The precondition failed: someone else changed the specification.
-    #[error("the precondition failed: the current entity tag is {}", .0.as_deref().unwrap_or("none"))]
+    #[error("the precondition failed: {}", unmatched(.0.as_deref()))]
     PreconditionFailed(Option<String>),
     /// The idempotency key was used for another request.
-    #[error("this Idempotency-Key was used for another request within the last 24 hours")]
+    #[error("this Idempotency-Key was used for another request within the last 24 hours; use a new key")]
     IdempotencyMismatch,
     /// The page token is invalid, or belongs to another listing.
-    #[error("the page token does not belong to this listing")]
+    #[error("the page token does not belong to this listing; list again without page_token")]
     BadPageToken,
     /// The queue is full.
-    #[error("{queued} of at most {limit} entries are queued, which leaves no room for {asked} more")]
+    #[error("{queued} of at most {limit} entries are queued, which leaves no room for {asked} more; wait, or cancel queued ones")]
     QueueFull {
         /// Entries of the queue.
         queued: u64,
@@ -326,7 +351,7 @@ pub enum Error {
         limit: u64,
     },
     /// The disk is full.
-    #[error("the disk is full")]
+    #[error("the disk is full; delete jobs or meshes, or free space on the disk")]
     StorageFull,
     /// The disk is nearly full; what is left is reserved for running jobs.
     #[error(
@@ -339,6 +364,9 @@ pub enum Error {
         /// Reserved space.
         floor_bytes: u64,
     },
+    /// Jobs, runs, calibrations or inspections that an earlier process left unfinished are not recovered, for this reason.
+    #[error("{0}")]
+    Unrecovered(String),
     /// The database is locked, or the machine is temporarily short of a resource.
     #[error("the store is temporarily unavailable")]
     StorageBusy(#[source] InternalError),
@@ -363,14 +391,22 @@ pub enum Error {
         label: String,
     },
     /// The meshes and specifications that the request refers to could not be checked in time.
-    #[error("the meshes and specifications of the request could not be checked in time; nothing was changed")]
+    #[error("the meshes and specifications of the request could not be checked in time, and nothing was changed; send it again")]
     TooSlow,
     /// The server is shutting down.
-    #[error("the server is shutting down")]
+    #[error("the server is shutting down; send the request again once it has been restarted")]
     Draining,
     /// An internal error.
     #[error("{0}")]
     Internal(#[from] InternalError),
+}
+
+/// Version that a precondition did not match, and what to do.
+fn unmatched(etag: Option<&str>) -> String {
+    match etag {
+        Some(etag) => format!("the current entity tag is {etag}; read this version, and send its tag in If-Match"),
+        None => "nothing is stored under this name; leave out If-Match to store the first version".to_owned(),
+    }
 }
 
 /// A run that is not there.
@@ -437,11 +473,24 @@ fn without_program(setup: usize, programs: usize) -> String {
 }
 
 impl Error {
-    /// True if the same request may succeed later: the disk is full, file descriptors have run out, the database is locked,
+    /// Returns true if the same request may succeed later: the disk is full, file descriptors have run out, the database is locked,
     /// or an I/O error may have been temporary.
     #[must_use]
     pub fn is_transient(&self) -> bool {
-        matches!(self, Self::StorageFull | Self::StorageLow { .. } | Self::StorageBusy(_))
+        matches!(self, Self::StorageFull | Self::StorageLow { .. } | Self::Unrecovered(_) | Self::StorageBusy(_))
+    }
+
+    /// Returns true if an exhausted quota may be the cause, of which the database tells no more than that it could not write.
+    pub(super) fn may_be_over_quota(&self) -> bool {
+        matches!(self, Self::StorageBusy(InternalError::Database(error)) if may_be_over_quota(error))
+    }
+
+    /// The error, or a full disk where a file that was written beside the database found no room.
+    pub(super) fn or_full(self, probed: Result<(), Self>) -> Self {
+        match probed {
+            Err(full @ Self::StorageFull) => full,
+            Ok(()) | Err(_) => self,
+        }
     }
 }
 
@@ -449,6 +498,9 @@ impl Error {
 /// IOERR, CANTOPEN, PROTOCOL.
 const SQLITE_TRANSIENT: [u32; 6] = [5, 6, 7, 10, 14, 15];
 const SQLITE_FULL: u32 = 13;
+/// Primary result codes of SQLite for a file that it could not write or create: IOERR, CANTOPEN. It tells a full disk apart, but not an
+/// exhausted quota (`EDQUOT`).
+const SQLITE_UNWRITTEN: [u32; 2] = [10, 14];
 /// Extended result code of a disk without room for the index of the write-ahead log, which every connection needs.
 const SQLITE_IOERR_SHMSIZE: u32 = 4874;
 
@@ -469,7 +521,7 @@ fn extended_code(error: &sqlx::Error) -> Option<u32> {
     error.as_database_error()?.code()?.parse().ok()
 }
 
-/// True if the disk or its quota has no room for what the database writes.
+/// Returns true if the disk or its quota has no room for what the database writes.
 pub(super) fn is_full_database(error: &sqlx::Error) -> bool {
     if let sqlx::Error::Io(error) = error {
         return is_full_io(error);
@@ -477,13 +529,18 @@ pub(super) fn is_full_database(error: &sqlx::Error) -> bool {
     sqlite_code(error) == Some(SQLITE_FULL) || extended_code(error) == Some(SQLITE_IOERR_SHMSIZE)
 }
 
-/// True if the disk or its quota has no room for a file.
+/// Returns true if a quota may have refused what the database writes: whether it did shows in a file that is written beside it.
+pub(super) fn may_be_over_quota(error: &sqlx::Error) -> bool {
+    sqlite_code(error).is_some_and(|code| SQLITE_UNWRITTEN.contains(&code))
+}
+
+/// Returns true if the disk or its quota has no room for a file.
 pub(super) fn is_full_io(error: &std::io::Error) -> bool {
     use std::io::ErrorKind;
     matches!(error.kind(), ErrorKind::StorageFull | ErrorKind::QuotaExceeded)
 }
 
-/// True if an I/O error may be temporary: too many files are open in the process or on the machine, the disk is full, or a
+/// Returns true if an I/O error may be temporary: too many files are open in the process or on the machine, the disk is full, or a
 /// read or write failed.
 pub(super) fn is_transient_io(error: &std::io::Error) -> bool {
     is_full_io(error) || is_resource_shortage(error)

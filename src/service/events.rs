@@ -66,7 +66,7 @@ impl App {
 }
 
 impl EventStream {
-    /// True if events after the requested one have been pruned from the store, or it is not of this store; without one, if none of
+    /// Returns true if events after the requested one have been pruned from the store, or it is not of this store; without one, if none of
     /// an ended job's events is left.
     #[must_use]
     pub fn has_gap(&self) -> bool {
@@ -80,7 +80,7 @@ impl EventStream {
         self.only_gap
     }
 
-    /// True if nothing is left to tell: the job has ended, and all of its events were read.
+    /// Returns true if nothing is left to tell: the job has ended, and all of its events were read.
     #[must_use]
     pub fn is_over(&self) -> bool {
         self.ended && self.only_gap.is_none()

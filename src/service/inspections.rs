@@ -61,7 +61,7 @@ impl App {
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoScans`], [`Error::Invalid`], [`Error::IdempotencyMismatch`],
     /// [`Error::QueueFull`], [`Error::Draining`], [`Error::StorageFull`], [`Error::StorageLow`], [`Error::StorageBusy`],
-    /// [`Error::Internal`].
+    /// [`Error::Unrecovered`], [`Error::Internal`].
     pub async fn submit_inspection(
         &self,
         job_id: JobId,
@@ -236,10 +236,17 @@ impl App {
         let cancel = |job: &mut InspectionJob| {
             job.state = if job.state == JobState::Queued { JobState::Cancelled } else { JobState::Cancelling };
         };
-        let job = self.freeing(|| self.change_inspection(id, &[JobState::Queued, JobState::Running], cancel, None)).await?;
-        if let Some((flag, _)) = self.0.inspections.running().get(&id) {
-            flag.store(true, Ordering::Relaxed);
-        }
+        let app = self.clone();
+        // To its end though the caller goes away: what is told as cancelled is stopped, and the reserve is filled again.
+        let change = async move {
+            let change = || app.change_inspection(id, &[JobState::Queued, JobState::Running], cancel, None);
+            let job = app.freeing(change).await?;
+            if let Some((flag, _)) = app.0.inspections.running().get(&id) {
+                flag.store(true, Ordering::Relaxed);
+            }
+            Ok::<_, Error>(job)
+        };
+        let job = self.run_to_completion(change).await?;
         match job.state {
             JobState::Succeeded | JobState::Failed => Err(Error::InspectionEnded { inspection: id, state: job.state }),
             JobState::Queued | JobState::Running | JobState::Cancelling | JobState::Cancelled => Ok(job),
@@ -263,7 +270,7 @@ impl App {
     /// Begins again what an earlier process left.
     pub(super) async fn recover_inspections(&self) -> Result<(), Error> {
         let exhausted = self.exhausted();
-        for LeftOver { id, attempts } in self.freeing(|| self.0.store.inspections_left_over()).await? {
+        for LeftOver { id, attempts } in self.recovering(|| self.0.store.inspections_left_over()).await? {
             let problem = (attempts >= self.0.options.max_attempts).then(|| exhausted.clone());
             let again = move |job: &mut InspectionJob| {
                 job.state = match (job.state, &problem) {
@@ -274,12 +281,13 @@ impl App {
                 job.problem = problem.filter(|_| job.state == JobState::Failed);
             };
             let change = || self.change_inspection(id, &[JobState::Running, JobState::Cancelling], again.clone(), None);
-            match self.freeing(change).await {
+            match self.recovering(change).await {
                 Ok(job) if job.state == JobState::Queued => self.spawn(self.clone().carry_out_inspection(id)),
-                Ok(_) => {}
+                // Deleted meanwhile: recovery may have waited for room.
+                Ok(_) | Err(Error::InspectionNotFound(_)) => {}
                 Err(Error::Internal(InternalError::Row(reason))) => {
                     tracing::error!(inspection = %id, reason, "a stored inspection cannot be read; it counts as failed");
-                    self.0.store.give_up_inspection(id).await?;
+                    self.recovering(|| self.0.store.give_up_inspection(id)).await?;
                 }
                 Err(error) => return Err(error),
             }
@@ -416,7 +424,7 @@ impl App {
 
     async fn store_inspection(&self, id: InspectionId, inspected: Inspected, cancel: &AtomicBool) -> Result<(), Error> {
         let files = Arc::new(inspected.files);
-        let put = || self.0.store.put_artifacts(Arc::clone(&files));
+        let put = || self.put_results(Arc::clone(&files));
         let stored = self.retried("storing an inspection", || cancel.load(Ordering::Relaxed), put).await?;
         self.keep_inspection(id, inspected.summary, stored).await
     }

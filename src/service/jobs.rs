@@ -14,7 +14,6 @@ use std::time::Instant;
 
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
-use tokio::sync::mpsc;
 
 use self::failure::{AttemptError, input_invalid, job_problem, unstored};
 pub(super) use self::failure::{failure, problem_of_error};
@@ -27,7 +26,7 @@ use super::metrics;
 use super::plan_job::{PLAN_FILE, left_out_candidates};
 use super::planner::{Artifact, JobError};
 use super::progress::Course;
-use super::retry::{MAX_STORE_RETRY, STORE_RETRY};
+use super::retry::{Attempts, MAX_STORE_RETRY, STORE_RETRY};
 use super::schedule::{Ahead, Share};
 use super::size::JobSize;
 use super::store::{Attempt, AttemptOutcome, blocking};
@@ -50,7 +49,7 @@ enum Attempted {
 /// Starts jobs of the queue until the service stops.
 pub(super) async fn dispatch(app: App) {
     let stopping = app.stopping();
-    let mut pause = STORE_RETRY;
+    let (mut pause, mut attempts) = (STORE_RETRY, Attempts::new());
     while !stopping.is_cancelled() {
         match app.start_next().await {
             Ok(true) => {}
@@ -59,13 +58,18 @@ pub(super) async fn dispatch(app: App) {
                 () = app.0.runner.woken.notified() => {}
             },
             Err(error) => {
-                tracing::error!(error = &error as &dyn std::error::Error, "the queue cannot be read");
+                if let Some(failed) = attempts.count_failed(Instant::now()) {
+                    tracing::error!(failed, error = &error as &dyn std::error::Error, "the queue cannot be read; retrying");
+                }
                 app.pause(pause).await;
                 pause = (pause * 2).min(MAX_STORE_RETRY);
                 continue;
             }
         }
-        pause = STORE_RETRY;
+        if let Some(failed) = attempts.failed_before() {
+            tracing::info!(failed, "the queue was read again");
+        }
+        (pause, attempts) = (STORE_RETRY, Attempts::new());
     }
 }
 
@@ -88,7 +92,7 @@ impl App {
     /// Recovers the jobs that an earlier process left unfinished.
     pub(super) async fn recover(&self) -> Result<(), Error> {
         let exhausted = self.exhausted();
-        let found = self.freeing(|| self.0.store.recover(self.0.options.max_attempts, &exhausted)).await?;
+        let found = self.recovering(|| self.0.store.recover(self.0.options.max_attempts, &exhausted)).await?;
         if found > 0 {
             tracing::warn!(jobs = found, "an earlier process died while jobs were running; they are recovered");
         }
@@ -128,7 +132,7 @@ impl App {
             let size = runner.sizes.get(text);
             if size.is_none() && is_shared && !(is_alone && is_first) {
                 self.measure(id).await?;
-                // Something may have ended meanwhile: from the beginning.
+                // That takes far longer than a reading of the queue, and something may have ended or come meanwhile: from the beginning.
                 return Ok(true);
             }
             let share = runner.schedule().share_for(size.as_ref(), is_alone, &ahead);
@@ -232,12 +236,10 @@ impl App {
                 return (Attempted::Ended(AttemptOutcome::Failed(problem, Vec::new())), BTreeMap::new());
             }
         };
-        let (sender, updates) = mpsc::unbounded_channel();
+        let (tracker, updates) = Tracker::new(&Course::of_plan(&input.params, input.cell.is_some()));
         let persisting = tokio::spawn(persist_progress(self.clone(), attempt.id, updates));
-        let course = Course::of_plan(&input.params, input.cell.is_some());
-        let tracker = Arc::new(Tracker::new(sender, &course));
         let times = tracker.times.clone();
-        let result = self.0.runner.plan(input, share, cancel, tracker).await;
+        let result = self.0.runner.plan(input, share, cancel, Arc::new(tracker)).await;
         // The task ends when the tracker is dropped; its errors are in the log.
         let _ = persisting.await;
         let timings = times.lock().unwrap_or_else(PoisonError::into_inner).closed();
@@ -281,7 +283,7 @@ impl App {
         }
         let (summary, warnings, artifacts) = (summary_of(&artifacts), warnings_of(&artifacts), Arc::new(artifacts));
         let put = || async {
-            let stored = self.0.store.put_artifacts(Arc::clone(&artifacts)).await;
+            let stored = self.put_results(Arc::clone(&artifacts)).await;
             self.0.runner.set_waiting(id, stored.as_ref().is_err_and(Error::is_transient));
             stored
         };
@@ -315,6 +317,10 @@ impl App {
         self.pause(STORE_RETRY).await;
         if let Ok(state) = self.try_to_end(id, &outcome, &timings).await {
             return state;
+        }
+        if error.is_transient() && self.0.stopping.is_cancelled() {
+            // Left as it is, the job is planned again at the next start.
+            return None;
         }
         let failed = AttemptOutcome::Failed(unstored(&error), Vec::new());
         if let Ok(state) = self.try_to_end(id, &failed, &timings).await {

@@ -106,12 +106,7 @@ impl App {
     async fn round(&self) {
         let (store, options) = (&self.0.store, &self.0.options);
         let hours = |hours: u32| Duration::from_secs(u64::from(hours) * HOUR_SECS);
-        let app = self.clone();
-        let keep = move || {
-            app.keep_reserve();
-            Ok(())
-        };
-        log("keeping room for deletions", blocking(keep).await);
+        log("keeping room for deletions", self.keep_reserve().await);
         log("removing the audit logs of deleted runs", self.finish_deletions().await);
         log("scrubbing the rows", store.scrub_rows().await);
         log("recording damage that was found", store.scrub_suspects().await);

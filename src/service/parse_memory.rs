@@ -142,19 +142,19 @@ fn held_bytes(head: &[u8], length_bytes: u64, max_triangles: u64) -> u64 {
     BESIDE_BYTES.saturating_add(file).saturating_add(triangles)
 }
 
-/// True for a file with exactly the triangles that its head declares, as for the reader.
+/// Returns true for a file with exactly the triangles that its head declares, as for the reader.
 fn is_binary_stl(head: &[u8], length_bytes: u64) -> bool {
     let Some(count) = head.get(80..84).and_then(|count| count.try_into().ok()).map(u32::from_le_bytes) else { return false };
     STL_HEAD_BYTES + STL_TRIANGLE_BYTES * u64::from(count) == length_bytes
 }
 
-/// True for the first word of ASCII STL; no other format that is read begins with it.
+/// Returns true for the first word of ASCII STL; no other format that is read begins with it.
 fn begins_with_solid(head: &[u8]) -> bool {
     let head = head.trim_ascii_start();
     head.get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) && head.get(5).is_none_or(u8::is_ascii_whitespace)
 }
 
-/// True for the byte order marks of UTF-16.
+/// Returns true for the byte order marks of UTF-16.
 fn is_utf_16(head: &[u8]) -> bool {
     head.starts_with(&[0xff, 0xfe]) || head.starts_with(&[0xfe, 0xff])
 }

@@ -30,9 +30,9 @@ use crate::wire::part_size::{PartSize, SizeLimits, size_text, unit_text};
 use crate::wire::plan::{CellDocument, FixtureDocument, PlanDocument};
 use crate::wire::program::ProgramDocument;
 use crate::wire::regions::REGIONS_FILE;
-use crate::wire::summary::{ProgramCycle, SUMMARY_FILE, StandingRemedy, Summary};
+use crate::wire::summary::{PlanDoubts, ProgramCycle, SUMMARY_FILE, StandingRemedy, Summary};
 use crate::wire::warnings::{
-    FieldWarning, RegionUse, WarningCode, at_head_of_reports, by_cause, of_empty_region, of_fixture, of_home, of_poses,
+    FieldWarning, RegionUse, WarningCode, at_head_of_reports, by_cause, of_empty_region, of_fixture, of_home, of_poses, of_sight,
 };
 use crate::wire::{coverage, json_file_bytes, missed, regions, viewpoints};
 
@@ -110,6 +110,31 @@ type Files = Vec<(Cow<'static, str>, Vec<u8>)>;
 /// A program that the linter found nothing in, or its findings in a sentence.
 type CheckedOrFindings<'a> = Result<CheckedProgram<'a>, String>;
 
+/// A plan as it is written, with what its warnings come to.
+struct WrittenPlan {
+    /// Bytes of its file.
+    bytes: Vec<u8>,
+    /// SHA-256 of the bytes.
+    sha256: String,
+    /// Warnings on the part's size.
+    size_warnings: Vec<FieldWarning>,
+    /// Other warnings at the head of reports.
+    warnings: Vec<FieldWarning>,
+    /// Number of setups in which the part would tip over.
+    unstable_setups: usize,
+    /// Way to place the part so that it stands, where it would tip over.
+    standing: Option<StandingRemedy>,
+}
+
+/// Programs of the setups, in every language in which they are written.
+struct RenderedPrograms<'p> {
+    programs: &'p [Program],
+    /// Each program as the linter finds it.
+    checked: Vec<CheckedOrFindings<'p>>,
+    /// Each program in each dialect.
+    rendered: Vec<Vec<DialectProgram>>,
+}
+
 /// A result file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Artifact {
@@ -162,7 +187,7 @@ impl PlanJob<'_> {
     /// # Errors
     /// [`PlanError`].
     pub fn execute(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
-        Ok(self.report(&self.plan(ctx)?, ForeignPrograms::Kept, Rendered::Whole(Reports::Html), ctx)?)
+        Ok(self.artifacts(&self.plan(ctx)?, ForeignPrograms::Kept, Rendered::Whole(Reports::Html), ctx)?)
     }
 
     /// Plans and renders every file as [`PlanJob::execute`] does, but [`REPORT_DRAFT_FILE`] in place of [`REPORT_FILE`]: few reports
@@ -171,7 +196,7 @@ impl PlanJob<'_> {
     /// # Errors
     /// [`PlanError`].
     pub fn execute_with_draft(&self, ctx: &Context<'_>) -> Result<Vec<Artifact>, PlanError> {
-        Ok(self.report(&self.plan(ctx)?, ForeignPrograms::Kept, Rendered::Draft, ctx)?)
+        Ok(self.artifacts(&self.plan(ctx)?, ForeignPrograms::Kept, Rendered::Draft, ctx)?)
     }
 
     /// Plans.
@@ -305,86 +330,104 @@ impl PlanJob<'_> {
     /// # Errors
     /// [`Cancelled`].
     pub fn render(&self, outcome: &Outcome, reports: Reports, ctx: &Context<'_>) -> Result<Vec<Artifact>, Cancelled> {
-        self.report(outcome, ForeignPrograms::LeftOut, Rendered::Whole(reports), ctx)
+        self.artifacts(outcome, ForeignPrograms::LeftOut, Rendered::Whole(reports), ctx)
     }
 
     /// Stage report: every file.
-    fn report(
+    fn artifacts(
         &self,
         outcome: &Outcome,
         foreign: ForeignPrograms,
         reports: Rendered,
         ctx: &Context<'_>,
     ) -> Result<Vec<Artifact>, Cancelled> {
-        ctx.stage(Stage::Report, || self.files(outcome, foreign, reports, ctx))
+        ctx.stage(Stage::Report, || {
+            let written = self.written_plan(outcome, ctx)?;
+            let plan_sha256 = written.sha256.clone();
+            let programs = self.programs(&outcome.plan, &plan_sha256);
+            let programs = self.in_dialects(outcome, &programs, foreign);
+            let summary = self.summary(&outcome.plan, &written, &programs);
+            let mut refused = Refused::new();
+            let mut files = self.tables_and_reports(outcome, written, &summary, reports, ctx)?;
+            self.sort_programs(programs, &mut files, &mut refused);
+            match candidates::file_bytes(outcome, self.mesh, &plan_sha256, ctx) {
+                Some(Ok(bytes)) => files.push((CANDIDATES_FILE.into(), bytes)),
+                Some(Err(ListingError::Cancelled(cancelled))) => return Err(cancelled),
+                Some(Err(reason)) => drop(refused.insert(CANDIDATES_FILE.to_owned(), reason.to_string())),
+                None => {}
+            }
+            if !refused.is_empty() {
+                files.push((REFUSED_FILE.into(), json_file_bytes(&refused)));
+            }
+            Ok(files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect())
+        })
     }
 
-    fn files(
-        &self,
-        outcome: &Outcome,
-        foreign: ForeignPrograms,
-        reports: Rendered,
-        ctx: &Context<'_>,
-    ) -> Result<Vec<Artifact>, Cancelled> {
-        let plan = &outcome.plan;
+    /// The plan as it is written, with what its warnings come to.
+    fn written_plan(&self, outcome: &Outcome, ctx: &Context<'_>) -> Result<WrittenPlan, Cancelled> {
         let size_warnings = self.size_warnings("/part/bbox_mm");
         let document = self.document(outcome, &size_warnings, ctx)?;
         let mut warnings = at_head_of_reports(&document.warnings);
         warnings.retain(|warning| !size_warnings.contains(warning));
-        let unstable = document.warnings.iter().filter(|warning| warning.code == WarningCode::PartUnstable).count();
+        let unstable_setups = document.warnings.iter().filter(|warning| warning.code == WarningCode::PartUnstable).count();
         let standing = self.standing_remedy(outcome, &document.warnings);
-        let document = document.to_bytes();
-        let plan_sha256 = plan_sha256(&document);
-        let programs = self.programs(plan, &plan_sha256);
-        let checked: Vec<_> = programs.iter().map(|program| self.checked(outcome, program)).collect();
-        let in_dialects = |(program, checked): (&Program, &CheckedOrFindings<'_>)| {
-            self.dialects(program, checked, foreign, &plan.params.dialects)
+        let bytes = document.to_bytes();
+        Ok(WrittenPlan { sha256: plan_sha256(&bytes), bytes, size_warnings, warnings, unstable_setups, standing })
+    }
+
+    /// Summary of a plan, with its programs and with what casts doubt on it.
+    fn summary(&self, plan: &Plan, written: &WrittenPlan, programs: &RenderedPrograms<'_>) -> Summary {
+        let unit_question = self.unit_question();
+        let doubts = PlanDoubts {
+            unit_question: unit_question.as_deref(),
+            unstable_setups: written.unstable_setups,
+            standing: written.standing.as_ref(),
+            warnings: &written.warnings,
         };
-        let rendered: Vec<Vec<DialectProgram>> = programs.iter().zip(&checked).map(in_dialects).collect();
-        let summary = self.with_program(Summary::of(plan), &programs, &checked, &rendered);
-        let summary = summary.with_unstable_setups(unstable).with_unit_question(self.unit_question());
-        let summary = summary.with_blocked_home(&warnings).with_standing_first(standing.as_ref()).of_file(plan_sha256.clone());
+        let summary = Summary::of(plan).with_calibration(self.cell.and_then(|cell| cell.calibrated.as_ref()));
+        self.with_program(summary, programs).with_doubts(&doubts).of_file(written.sha256.clone())
+    }
+
+    /// Summary, plan, tables and reports.
+    fn tables_and_reports(
+        &self,
+        outcome: &Outcome,
+        written: WrittenPlan,
+        summary: &Summary,
+        reports: Rendered,
+        ctx: &Context<'_>,
+    ) -> Result<Files, Cancelled> {
+        let (plan, WrittenPlan { bytes, sha256, size_warnings, warnings, .. }) = (&outcome.plan, written);
         let stop = || ctx.check().is_err();
         let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
-        let report = ReportInput {
-            subject: self.subject(&size_warnings),
-            outcome,
-            plan_sha256: &plan_sha256,
-            summary: &summary,
-            warnings: &warnings,
-        };
+        let subject = self.subject(&size_warnings);
+        let report = ReportInput { subject, outcome, plan_sha256: &sha256, summary, warnings: &warnings };
         let tables = || -> Files {
             vec![
-                (SUMMARY_FILE.into(), json_file_bytes(&summary)),
-                (PLAN_FILE.into(), document),
-                ("viewpoints.json".into(), json_file_bytes(&viewpoints::json(plan, &plan_sha256))),
-                ("viewpoints.csv".into(), viewpoints::csv(plan, &plan_sha256).into_bytes()),
-                ("coverage.json".into(), json_file_bytes(&coverage::json(outcome, self.mesh, &plan_sha256))),
-                ("coverage.csv".into(), coverage::csv(outcome, self.mesh, &plan_sha256).into_bytes()),
+                (SUMMARY_FILE.into(), json_file_bytes(summary)),
+                (PLAN_FILE.into(), bytes),
+                ("viewpoints.json".into(), json_file_bytes(&viewpoints::json(plan, &sha256))),
+                ("viewpoints.csv".into(), viewpoints::csv(plan, &sha256).into_bytes()),
+                ("coverage.json".into(), json_file_bytes(&coverage::json(outcome, self.mesh, &sha256))),
+                ("coverage.csv".into(), coverage::csv(outcome, self.mesh, &sha256).into_bytes()),
                 ("coverage.bin".into(), coverage::bin(outcome, &preview)),
-                ("missed.json".into(), json_file_bytes(&missed::json(plan, &plan_sha256))),
+                ("missed.json".into(), json_file_bytes(&missed::json(plan, &sha256))),
             ]
         };
-        let words = report_text(plan, &summary, &size_warnings, &warnings);
+        let words = report_text(plan, summary, &size_warnings, &warnings);
         let (mut files, reports) = rayon::join(tables, || report_files(&report, words, reports, &preview, ctx));
         files.extend(reports?);
-        files.extend(regions::csv(plan, &plan_sha256).map(|table| (REGIONS_FILE.into(), table.into_bytes())));
-        let mut refused = Refused::new();
-        for (program, rendered) in programs.iter().zip(rendered) {
+        files.extend(regions::csv(plan, &sha256).map(|table| (REGIONS_FILE.into(), table.into_bytes())));
+        Ok(files)
+    }
+
+    /// Adds the programs, each in every language, and the reasons why some are missing or refused.
+    fn sort_programs(&self, programs: RenderedPrograms<'_>, files: &mut Files, refused: &mut Refused) {
+        for (program, rendered) in programs.programs.iter().zip(programs.rendered) {
             let bytes = ProgramDocument::new(program, self.echo.clone()).to_bytes();
             files.push((format!("{}.json", program_stem(program.setup)).into(), bytes));
-            rendered.into_iter().for_each(|program| program.sort_into(&mut files, &mut refused));
+            rendered.into_iter().for_each(|program| program.sort_into(files, refused));
         }
-        match candidates::file_bytes(outcome, self.mesh, &plan_sha256, ctx) {
-            Some(Ok(bytes)) => files.push((CANDIDATES_FILE.into(), bytes)),
-            Some(Err(ListingError::Cancelled(cancelled))) => return Err(cancelled),
-            Some(Err(reason)) => drop(refused.insert(CANDIDATES_FILE.to_owned(), reason.to_string())),
-            None => {}
-        }
-        if !refused.is_empty() {
-            files.push((REFUSED_FILE.into(), json_file_bytes(&refused)));
-        }
-        Ok(files.into_iter().map(|(name, bytes)| Artifact { name, bytes }).collect())
     }
 
     /// The plan as it is written, with every warning on it.
@@ -397,6 +440,7 @@ impl PlanJob<'_> {
         document.warnings.extend(self.standing_warnings(outcome, "/params", &Poll::new(&stop))?);
         document.warnings.extend(self.fixture_warning(outcome, "/params"));
         document.warnings.extend(self.home_warnings(outcome, "/cell"));
+        document.warnings.extend(self.cell.map_or_else(Vec::new, |cell| of_sight(cell, "/cell")));
         document.warnings = by_cause(document.warnings);
         Ok(document)
     }
@@ -463,20 +507,24 @@ impl PlanJob<'_> {
     }
 
     /// The summary with the cycle of the programs in the robot's own dialect, or with the reason why one of them was refused.
-    fn with_program(
-        &self,
-        summary: Summary,
-        programs: &[Program],
-        checked: &[CheckedOrFindings<'_>],
-        rendered: &[Vec<DialectProgram>],
-    ) -> Summary {
+    fn with_program(&self, summary: Summary, programs: &RenderedPrograms<'_>) -> Summary {
         let Some(dialect) = self.cell.and_then(|cell| cell.robot.dialect) else { return summary };
-        let own = own_cycle(dialect, programs, checked, rendered);
+        let own = own_cycle((dialect, &self.params.dialects), programs.programs, &programs.checked, &programs.rendered);
         match own.map(|cycle| cycle.map(|cycle| cycle.beside_corners(self.params.motion.corners))) {
             Ok(program_cycle) if self.rescan.is_some() => summary.with_program(program_cycle.map(ProgramCycle::without_options)),
             Ok(program_cycle) => summary.with_program(program_cycle),
             Err(reason) => summary.with_refused_program(dialect, &reason, REFUSED_FILE),
         }
+    }
+
+    /// Programs as the linter finds them, in the dialects that the robot takes, or in every one.
+    fn in_dialects<'p>(&'p self, outcome: &Outcome, programs: &'p [Program], foreign: ForeignPrograms) -> RenderedPrograms<'p> {
+        let checked: Vec<_> = programs.iter().map(|program| self.checked(outcome, program)).collect();
+        let rendered = |(program, checked): (&Program, &CheckedOrFindings<'_>)| {
+            self.dialects(program, checked, foreign, &outcome.plan.params.dialects)
+        };
+        let rendered = programs.iter().zip(&checked).map(rendered).collect();
+        RenderedPrograms { programs, checked, rendered }
     }
 
     /// The program in the dialects that the robot takes, or in every one.
@@ -512,7 +560,7 @@ impl PlanJob<'_> {
 /// # Errors
 /// Reason why one of them was refused.
 fn own_cycle(
-    dialect: Dialect,
+    (dialect, params): (Dialect, &DialectParams),
     programs: &[Program],
     checked: &[CheckedOrFindings<'_>],
     rendered: &[Vec<DialectProgram>],
@@ -524,7 +572,10 @@ fn own_cycle(
     let moves_in_turn = checked.iter().flatten().any(|program| program.moves_in_turn(dialect));
     let secs = |checked: &CheckedOrFindings<'_>| checked.as_ref().ok()?.cycle_secs(dialect).ok();
     let cycle_secs = checked.iter().map(secs).sum::<Option<f64>>().filter(|_| !checked.is_empty());
-    Ok(cycle_secs.map(|secs| ProgramCycle::new(dialect, secs, moves_in_turn, dialect.before_first_run_of(programs))))
+    let stems: Vec<(usize, String)> = programs.iter().map(|program| (program.setup, program_stem(program.setup))).collect();
+    let work = [dialect.renaming_of(params, &stems), dialect.before_first_run_of(programs)];
+    let work = work.into_iter().flatten().reduce(|first, next| format!("{first}; and {next}"));
+    Ok(cycle_secs.map(|secs| ProgramCycle::new(dialect, secs, moves_in_turn, work)))
 }
 
 /// The report of a plan in plain text, after the warnings on the part's size.

@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::cells::{BuiltCell, KeptCells};
 use super::error::{is_read_failure, is_transient_io};
@@ -15,6 +15,7 @@ use super::hashing_reader::HashingReader;
 pub use super::plan_job::Artifact;
 use super::plan_job::{PlanJob, Reports};
 use super::rescan_job::RescanJob;
+use super::retry::Attempts;
 use crate::cell::{Cell, CellSpec, FieldError, NotFound, RobotSpec, Scanner, ScannerSpec, SpecKind, SpecLibrary, TurntableSpec};
 use crate::geometry::mesh_io::{self, Limits, MeshError, ReadError};
 use crate::geometry::{LengthUnit, Mesh, Poll};
@@ -176,7 +177,7 @@ pub(super) fn read_with_retry<T>(read: impl Fn() -> Result<T, JobError>, stop: &
 }
 
 fn read_again<T>(read: impl Fn() -> Result<T, JobError>, stop: &dyn Fn() -> bool, pause: &dyn Fn()) -> Result<T, JobError> {
-    let mut failures = 0;
+    let (mut failures, mut attempts) = (0, Attempts::new());
     loop {
         let reason = match read() {
             Err(JobError::Unread(reason)) => {
@@ -193,7 +194,9 @@ fn read_again<T>(read: impl Fn() -> Result<T, JobError>, stop: &dyn Fn() -> bool
         if stop() {
             return Err(JobError::Cancelled);
         }
-        tracing::warn!(reason, "a file cannot be read at the moment; retrying");
+        if let Some(failed) = attempts.count_failed(Instant::now()) {
+            tracing::warn!(failed, reason, "a file cannot be read at the moment; retrying");
+        }
         pause();
     }
 }

@@ -1,6 +1,7 @@
 //! Queries on jobs and their results, and what clients change on an accepted job: cancellation, labels, deletion.
 
-use std::io::Read;
+use std::io::{Cursor, Read};
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde::Deserialize;
@@ -10,7 +11,7 @@ use tokio::time::{Instant, timeout_at};
 use super::app::App;
 use super::error::Error;
 use super::jobs::results_wait;
-use super::plan_job::dialect_of;
+use super::plan_job::{Artifact, dialect_of};
 use super::presets::PRESETS;
 use super::store::{FileEncoding, JobQuery, PartNames, ResultFile};
 use crate::cell::{Dialect, SpecLibrary};
@@ -102,7 +103,7 @@ impl App {
     /// Deletes the selected jobs that have ended and are not held; with `dry_run` only counts them.
     ///
     /// # Errors
-    /// [`Error::Invalid`], [`Error::StorageBusy`], [`Error::Internal`].
+    /// [`Error::Invalid`], [`Error::StorageFull`], [`Error::StorageBusy`], [`Error::PartlyDeleted`], [`Error::Internal`].
     pub async fn delete_jobs(&self, selection: JobSelection, dry_run: bool) -> Result<DeletedJobs, Error> {
         selection.check().map_err(Error::Invalid)?;
         let query = JobQuery { selection, sort: JobSort::default() };
@@ -123,7 +124,8 @@ impl App {
                     Err(Error::JobNotEnded { .. } | Error::JobInUse(_)) => counts.not_ended += 1,
                     // Somebody else deleted it meanwhile.
                     Err(Error::JobNotFound(_)) => {}
-                    Err(error) => return Err(error),
+                    Err(error) if counts.deleted == 0 => return Err(error),
+                    Err(error) => return Err(Error::PartlyDeleted { deleted: counts.deleted, cause: Box::new(error) }),
                 }
             }
             Ok(counts)
@@ -215,12 +217,18 @@ impl App {
     /// # Errors
     /// [`Error::JobNotFound`], [`Error::NoResults`], [`Error::NoSuchResult`], [`Error::Internal`].
     pub async fn result(&self, id: JobId, name: &str) -> Result<ResultBody, Error> {
-        Ok(self.body_of(self.stored_result(id, name).await?))
+        self.found_result(id, name).await
+    }
+
+    /// A result that no file holds, ready to be read.
+    pub(super) fn body_of_unstored(&self, artifact: Artifact) -> ResultBody {
+        let file = ResultFile::of_bytes(&artifact.name, &artifact.bytes);
+        ResultBody { app: self.clone(), file, unstored: Some(artifact.bytes.into()) }
     }
 
     /// A result file, ready to be read.
     pub(super) fn body_of(&self, file: ResultFile) -> ResultBody {
-        ResultBody { app: self.clone(), file }
+        ResultBody { app: self.clone(), file, unstored: None }
     }
 }
 
@@ -241,6 +249,8 @@ struct CoverageOfRegions {
 pub struct ResultBody {
     app: App,
     file: ResultFile,
+    /// Bytes of a result that no file holds.
+    unstored: Option<Arc<[u8]>>,
 }
 
 impl ResultBody {
@@ -256,7 +266,7 @@ impl ResultBody {
         if packed { self.file.file_bytes } else { self.file.result.size_bytes }
     }
 
-    /// True if the result is stored compressed (gzip) and can be read in that form.
+    /// Returns true if the result is stored compressed (gzip) and can be read in that form.
     #[must_use]
     pub fn is_packed(&self) -> bool {
         self.file.encoding == FileEncoding::Gzip
@@ -268,6 +278,9 @@ impl ResultBody {
     /// # Errors
     /// [`Error::FileDamaged`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn open(&self, packed: bool) -> Result<Box<dyn Read + Send>, Error> {
+        if let Some(bytes) = &self.unstored {
+            return Ok(Box::new(Cursor::new(Arc::clone(bytes))));
+        }
         self.app.0.store.open_result(&self.file, !packed).await
     }
 
@@ -276,6 +289,9 @@ impl ResultBody {
     /// # Errors
     /// [`Error::FileDamaged`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn read(&self) -> Result<Vec<u8>, Error> {
+        if let Some(bytes) = &self.unstored {
+            return Ok(bytes.to_vec());
+        }
         self.app.0.store.read_result(&self.file).await
     }
 }

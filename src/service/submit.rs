@@ -90,6 +90,8 @@ struct StoredInput {
     rescan: Option<StoredRescan>,
 }
 
+/// Finding at the id of a mesh that is not there.
+const NO_MESH: &str = "no mesh has this id; upload it with POST /api/v1/meshes";
 /// Label of a job of further views: the id of the inspection whose scans lack them.
 const RESCAN_LABEL: &str = "rescan_of";
 
@@ -115,7 +117,7 @@ impl App {
     ///
     /// # Errors
     /// [`Error::Invalid`], [`Error::IdempotencyMismatch`], [`Error::QueueFull`], [`Error::Draining`], [`Error::TooSlow`],
-    /// [`Error::StorageFull`], [`Error::StorageLow`], [`Error::StorageBusy`], [`Error::Internal`].
+    /// [`Error::StorageFull`], [`Error::StorageLow`], [`Error::Unrecovered`], [`Error::StorageBusy`], [`Error::Internal`].
     pub async fn submit(&self, request: JobRequest, submission: Submission) -> Result<Job, Error> {
         let idempotency = submission.idempotency(&format!("POST /api/v1/jobs {}", serde_json::to_string(&request)?));
         if let Some(answer) = self.answered_before(idempotency.as_ref()).await? {
@@ -125,10 +127,11 @@ impl App {
             let (input, meshes) = resolve(&request, library, None).map_err(Error::Invalid)?;
             ResolvedJob::new(request, &input, meshes)
         };
-        let job = self.with_library(submission.limit, resolve).await?.into_job(submission.submitted_by);
+        let new = self.with_library(submission.limit, resolve).await?.into_job(submission.submitted_by);
         let app = self.clone();
         self.run_to_completion(async move {
-            let job = app.0.store.submit(&job, idempotency.as_ref(), app.0.options.max_queued_jobs).await?;
+            let job = app.0.store.submit(&new, idempotency.as_ref(), app.0.options.max_queued_jobs).await;
+            let job = job.map_err(|error| of_gone_mesh(error, [(String::new(), &new)]))?;
             app.0.runner.wake();
             Ok(job)
         })
@@ -167,16 +170,17 @@ impl App {
             return Ok(answer);
         }
         let resolve = move |library: &Library| {
-            let (mut input, meshes) = resolve(&request, library, Some(&input))
-                .map_err(|errors| Error::Invalid(errors.into_iter().map(of_scanned_job).collect()))?;
+            let resolved = resolve(&request, library, Some(&input));
+            let (mut input, meshes) = resolved.map_err(|errors| of_scanned(Error::Invalid(errors)))?;
             input.rescan = Some(rescan);
             ResolvedJob::new(request, &input, meshes)
         };
         let job = self.with_library(submission.limit, resolve).await?.into_job(submission.submitted_by);
-        let job = NewJob { scanned: Some(of), ..job };
+        let new = NewJob { scanned: Some(of), ..job };
         let app = self.clone();
         self.run_to_completion(async move {
-            let job = app.0.store.submit(&job, idempotency.as_ref(), app.0.options.max_queued_jobs).await?;
+            let job = app.0.store.submit(&new, idempotency.as_ref(), app.0.options.max_queued_jobs).await;
+            let job = job.map_err(|error| of_scanned(of_gone_mesh(error, [(String::new(), &new)])))?;
             app.0.runner.wake();
             Ok(job)
         })
@@ -203,7 +207,9 @@ impl App {
         let jobs: Vec<NewJob> = resolved.into_iter().map(|job| job.into_job(submission.submitted_by.clone())).collect();
         let app = self.clone();
         self.run_to_completion(async move {
-            let answer = app.0.store.submit_batch(&jobs, idempotency.as_ref(), app.0.options.max_queued_jobs).await?;
+            let answer = app.0.store.submit_batch(&jobs, idempotency.as_ref(), app.0.options.max_queued_jobs).await;
+            let named = jobs.iter().enumerate().map(|(index, job)| (format!("/jobs/{index}"), job));
+            let answer = answer.map_err(|error| of_gone_mesh(error, named))?;
             app.0.runner.wake();
             Ok(answer)
         })
@@ -221,6 +227,7 @@ impl App {
         };
         if answer.is_none() {
             self.check_open()?;
+            self.check_recovered()?;
             self.check_space(0)?;
         }
         Ok(answer)
@@ -259,6 +266,31 @@ impl App {
         let page = Page::new(page_size, page_token, &format!("jobs {query:?}"))?;
         self.0.store.jobs(query, &page).await
     }
+}
+
+/// Error of the store at jobs of these places in a request. A mesh that was deleted since the request was checked is told as if it had
+/// not been there at all.
+fn of_gone_mesh<'a>(error: Error, jobs: impl IntoIterator<Item = (String, &'a NewJob)>) -> Error {
+    let Error::MeshNotFound(mesh) = error else { return error };
+    let finding = |(place, job): (String, &NewJob)| {
+        let request = &job.request;
+        let fixture = request.params.part.fixture_mesh.as_ref().and_then(|id| id.parse::<MeshId>().ok());
+        let pointer = if request.mesh_id == mesh {
+            "/mesh_id"
+        } else if fixture == Some(mesh) {
+            "/params/part/fixture_mesh"
+        } else {
+            "/cell"
+        };
+        FieldError { pointer: format!("{place}{pointer}"), detail: NO_MESH.to_owned() }
+    };
+    Error::Invalid(jobs.into_iter().filter(|(_, job)| job.meshes.contains(&mesh)).map(finding).collect())
+}
+
+/// Findings on the job that was scanned, whose fields the request for further views does not have.
+fn of_scanned(error: Error) -> Error {
+    let Error::Invalid(errors) = error else { return error };
+    Error::Invalid(errors.into_iter().map(of_scanned_job).collect())
 }
 
 /// A finding on the job that was scanned, whose fields the request for further views does not have.
@@ -374,7 +406,7 @@ impl<'a> Lookup<'a> {
                 Some(MeshFile { sha256: source.sha256.clone(), unit: source.unit.as_str().to_owned() })
             }
             None => {
-                self.refuse(pointer, "no mesh has this id; upload it with POST /api/v1/meshes".to_owned());
+                self.refuse(pointer, NO_MESH.to_owned());
                 None
             }
         }

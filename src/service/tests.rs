@@ -7,7 +7,7 @@ use std::time::Duration;
 use sha2::{Digest, Sha256};
 
 use super::planner::{Artifact, JobInput, MeshSource};
-use super::store::{NewJob, NewMesh};
+use super::store::{NewJob, NewMesh, RESERVE};
 use super::*;
 use crate::cell::{CellSpec, Configuration, Named, Presets, SpecLibrary};
 use crate::geometry::LengthUnit;
@@ -89,6 +89,23 @@ pub(super) async fn service_with(files: Vec<Artifact>) -> (App, tempfile::TempDi
     let folder = tempfile::tempdir().expect("a folder");
     let planner = Arc::new(move |_: &JobInput, _: &Context<'_>| Ok(files.clone()));
     (App::open_with(options(folder.path()), planner, None).await.expect("a service"), folder)
+}
+
+/// Lets no reserve be kept in a store's folder: a folder stands in its place.
+pub(super) fn keep_no_reserve(data: &Path) {
+    let reserve = data.join(RESERVE);
+    while std::fs::create_dir(&reserve).is_err() {
+        // There is none yet, or the service has just written it.
+        let _ = std::fs::remove_file(&reserve);
+    }
+}
+
+/// A service on a disk that never has its floor of free space.
+pub(super) async fn service_below_the_floor() -> (App, tempfile::TempDir) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let options = Options { min_free_bytes: u64::MAX, min_free_share: 1.0, ..options(folder.path()) };
+    let planner = Arc::new(|_: &JobInput, _: &Context<'_>| Ok(Vec::new()));
+    (App::open_with(options, planner, None).await.expect("a service"), folder)
 }
 
 /// A job without a cell, accepted as a request is, as it ended.

@@ -36,12 +36,18 @@ impl ExecutionSettings {
     /// Adds a finding for each value that is not allowed.
     pub(super) fn check(&self, findings: &mut Findings) {
         findings.require(2.0 * self.heartbeat_secs <= self.lease_secs, "/execution/heartbeat_secs", || {
-            format!("is {} s, more than half of lease_secs, {} s", self.heartbeat_secs, self.lease_secs)
+            let (secs, lease_secs) = (self.heartbeat_secs, self.lease_secs);
+            let most = lease_secs / 2.0;
+            format!(
+                "is {secs} s; allowed is half of execution.lease_secs at most, {most} s: lower it, or raise execution.lease_secs"
+            )
         });
         let has_empty = self.cells.iter().any(|cell| cell.as_os_str().is_empty());
         findings.require(!has_empty, "/execution/cells", || "contains an empty path; give the paths of cell files".to_owned());
         let is_served = !self.live || !self.cells.is_empty();
-        findings.require(is_served, "/execution/live", || "is true, but execution.cells names no cell file".to_owned());
+        findings.require(is_served, "/execution/live", || {
+            "is true, but execution.cells names no cell file; name those of the cells to run there, or set it to false".to_owned()
+        });
     }
 
     /// Options of the service, without the cells, whose files the command reads.

@@ -11,7 +11,8 @@ use toml::de::{DeInteger, DeTable, DeValue};
 
 use super::values::{self, entry};
 use super::{Flags, Settings, SettingsError};
-use crate::cell::{FieldError, Findings, with_suggestion};
+use crate::cell::{FieldError, Findings};
+use crate::wire::decode;
 
 const PREFIX: &str = "VANTAGE_";
 /// Built-in defaults: a file of settings with every key, its meaning and range.
@@ -68,16 +69,13 @@ impl Layers {
         let built_in = toml::from_str(DEFAULTS).map_err(|error| refused(&error))?;
         let read = values::read(&self.config.cache, &self.texts, built_in);
         let mismatches = read.mismatches.into_result().err().unwrap_or_default();
-        match serde_path_to_error::deserialize(read.settings) {
+        match decode(&read.settings) {
             Ok(settings) if mismatches.is_empty() => Ok((settings, read.out_of_range)),
             deserialized => {
                 let out_of_range = read.out_of_range.into_result().err().unwrap_or_default();
                 let mut lines = self.lines(&mismatches);
                 lines.extend(self.lines(&out_of_range));
-                lines.extend(deserialized.err().map(|error| {
-                    let what = with_suggestion(&error.inner().to_string());
-                    self.line(&error.path().to_string(), &what)
-                }));
+                lines.extend(self.lines(deserialized.err().as_slice()));
                 Err(SettingsError(lines))
             }
         }
@@ -229,7 +227,7 @@ fn of_environment(environment: impl Iterator<Item = (OsString, OsString)>) -> Re
             continue;
         };
         let Ok(value) = value.into_string() else {
-            faults.push(format!("{name} (the environment): is not UTF-8"));
+            faults.push(format!("{name} (the environment): is not UTF-8; set it to a text in UTF-8"));
             continue;
         };
         let text = Text { origin: format!("{name} in the environment"), value };

@@ -18,6 +18,7 @@ pub use layers::DEFAULTS;
 pub use server::ServerSettings;
 
 use crate::cell::Findings;
+use crate::wire::words::is_control;
 use crate::{http, service};
 
 /// All settings.
@@ -204,8 +205,8 @@ impl Settings {
             format!("has {} characters; allowed are 1 to 64", label.chars().count())
         });
         // No job can have such a label: it would hold nothing.
-        findings.require(!label.contains('=') && !label.chars().any(char::is_control), "/retention/hold_label", || {
-            format!("is {label:?}; the key of a label has no = and no control character")
+        findings.require(!label.contains('=') && !label.chars().any(is_control), "/retention/hold_label", || {
+            format!("is {label:?}; the key of a label has no = and no control character: leave them out")
         });
     }
 

@@ -90,7 +90,8 @@ impl ServerSettings {
     pub(super) fn check(&self, findings: &mut Findings) {
         if let Some(key) = &self.api_key {
             findings.require(key.is_valid(), "/server/api_key", || {
-                "must be 16 to 256 visible ASCII characters, without ; and ,".to_owned()
+                "must be 16 to 256 visible ASCII characters, without ; and ,; give another, such as one of `openssl rand -hex 32`"
+                    .to_owned()
             });
         }
         let keys_file = self.api_keys_file.as_ref();
@@ -130,7 +131,7 @@ impl ServerSettings {
     }
 }
 
-/// True for an origin as browsers send it: scheme, host and a port unless it is the scheme's own; no wildcard, no path.
+/// Returns true for an origin as browsers send it: scheme, host and a port unless it is the scheme's own; no wildcard, no path.
 fn is_origin(text: &str) -> bool {
     let lower = text.to_ascii_lowercase();
     let (default_port, rest) = match lower.split_once("://") {

@@ -208,7 +208,27 @@ fn variables_that_are_not_utf_8_are_refused_if_they_are_settings_and_passed_over
     Settings::from_layers(None, strange.into_iter(), &Flags::new()).expect("none of them is a setting");
     let setting = [("VANTAGE_STORE__DATA_DIR".into(), bytes())];
     let error = Settings::from_layers(None, setting.into_iter(), &Flags::new()).expect_err("another folder");
-    assert_eq!(error.to_string(), "VANTAGE_STORE__DATA_DIR (the environment): is not UTF-8");
+    assert_eq!(error.to_string(), "VANTAGE_STORE__DATA_DIR (the environment): is not UTF-8; set it to a text in UTF-8");
+}
+
+/// Some said what was wrong and no more.
+#[test]
+fn a_value_that_is_not_allowed_is_told_with_what_to_do_next() {
+    for (variable, value, told) in [
+        (
+            "VANTAGE_EXECUTION__HEARTBEAT_SECS",
+            "14",
+            "is 14 s; allowed is half of execution.lease_secs at most, 1 s: lower it, or raise execution.lease_secs",
+        ),
+        ("VANTAGE_EXECUTION__LIVE", "true", "; name those of the cells to run there, or set it to false"),
+        ("VANTAGE_SERVER__API_KEY", "short", "; give another, such as one of `openssl rand -hex 32`"),
+        ("VANTAGE_SERVER__API_KEYS_FILE", "/nowhere/keys.toml", "; name a text file that the server's user may read"),
+        ("VANTAGE_RETENTION__HOLD_LABEL", "hold=yes", ": leave them out"),
+        ("VANTAGE_LIMITS__JOB_SECS", "1,5", "; use a point as decimal separator"),
+    ] {
+        let text = refusal(None, &[(variable, value)], &Flags::new());
+        assert!(text.ends_with(told), "{text}");
+    }
 }
 
 /// The author of such variables would believe them set: an address, or a key.

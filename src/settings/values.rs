@@ -7,7 +7,7 @@ use std::net::SocketAddr;
 use config::{Value, ValueKind};
 
 use super::Settings;
-use crate::cell::Findings;
+use crate::cell::{Findings, decimal_comma_advice};
 
 /// Kind of the values that a setting takes.
 #[derive(Clone, Copy, Debug)]
@@ -15,7 +15,7 @@ enum Kind {
     /// True or false.
     Switch,
     /// Whole number.
-    Whole(Bounds),
+    Integer(Bounds),
     /// Finite number, written as a whole number or as a decimal fraction.
     Number(Bounds),
     /// String.
@@ -41,12 +41,12 @@ struct Bounds {
     zero: &'static str,
 }
 
-const fn whole(low: f64, high: f64, unit: &'static str) -> Kind {
-    Kind::Whole(Bounds { low, high, unit, zero: "" })
+const fn integer(low: f64, high: f64, unit: &'static str) -> Kind {
+    Kind::Integer(Bounds { low, high, unit, zero: "" })
 }
 
-const fn whole_or_zero(zero: &'static str, low: f64, high: f64, unit: &'static str) -> Kind {
-    Kind::Whole(Bounds { low, high, unit, zero })
+const fn integer_or_zero(zero: &'static str, low: f64, high: f64, unit: &'static str) -> Kind {
+    Kind::Integer(Bounds { low, high, unit, zero })
 }
 
 const fn number(low: f64, high: f64, unit: &'static str) -> Kind {
@@ -72,54 +72,54 @@ const SETTINGS: &[(&str, Kind)] = &[
     ("server.trusted_proxies", Kind::List),
     ("server.public_path", Kind::Text),
     ("server.cors_origins", Kind::List),
-    ("server.max_connections", whole(1.0, MAX_CLIENTS, "")),
-    ("server.max_connections_per_address", whole(1.0, MAX_CLIENTS, "")),
-    ("server.max_event_streams", whole(1.0, MAX_CLIENTS, "")),
-    ("server.max_event_streams_per_address", whole(1.0, MAX_CLIENTS, "")),
-    ("server.max_waits", whole(1.0, MAX_CLIENTS, "")),
-    ("server.max_waits_per_address", whole(1.0, MAX_CLIENTS, "")),
-    ("server.http2_max_streams", whole(1.0, 1e4, "")),
+    ("server.max_connections", integer(1.0, MAX_CLIENTS, "")),
+    ("server.max_connections_per_address", integer(1.0, MAX_CLIENTS, "")),
+    ("server.max_event_streams", integer(1.0, MAX_CLIENTS, "")),
+    ("server.max_event_streams_per_address", integer(1.0, MAX_CLIENTS, "")),
+    ("server.max_waits", integer(1.0, MAX_CLIENTS, "")),
+    ("server.max_waits_per_address", integer(1.0, MAX_CLIENTS, "")),
+    ("server.http2_max_streams", integer(1.0, 1e4, "")),
     ("server.header_timeout_secs", number(0.1, 600.0, "s")),
     ("server.idle_timeout_secs", number(0.1, 86_400.0, "s")),
     ("server.body_idle_timeout_secs", number(0.1, 600.0, "s")),
     ("server.request_timeout_secs", number(0.1, 600.0, "s")),
     ("server.drain_timeout_secs", number(0.0, 600.0, "s")),
-    ("limits.upload_bytes", whole(1024.0, 1_099_511_627_776.0, "bytes")),
-    ("limits.json_bytes", whole(1024.0, 1_073_741_824.0, "bytes")),
-    ("limits.download_bytes_per_sec", whole(1e6, 1e12, "bytes per second")),
-    ("limits.uploads_at_once", whole(1.0, 256.0, "")),
-    ("limits.uploads_at_once_per_address", whole(1.0, 256.0, "")),
-    ("limits.mesh_triangles", whole(1.0, 1e9, "")),
-    ("limits.queued_jobs", whole(1.0, 1e6, "")),
+    ("limits.upload_bytes", integer(1024.0, 1_099_511_627_776.0, "bytes")),
+    ("limits.json_bytes", integer(1024.0, 1_073_741_824.0, "bytes")),
+    ("limits.download_bytes_per_sec", integer(1e6, 1e12, "bytes per second")),
+    ("limits.uploads_at_once", integer(1.0, 256.0, "")),
+    ("limits.uploads_at_once_per_address", integer(1.0, 256.0, "")),
+    ("limits.mesh_triangles", integer(1.0, 1e9, "")),
+    ("limits.queued_jobs", integer(1.0, 1e6, "")),
     ("limits.parse_secs", number(1.0, 3600.0, "s")),
-    ("limits.parse_memory_bytes", whole_or_zero(MEMORY_SHARE, 67_108_864.0, f64::INFINITY, "bytes")),
-    ("limits.job_memory_bytes", whole_or_zero(MEMORY_SHARE, 268_435_456.0, f64::INFINITY, "bytes")),
+    ("limits.parse_memory_bytes", integer_or_zero(MEMORY_SHARE, 67_108_864.0, f64::INFINITY, "bytes")),
+    ("limits.job_memory_bytes", integer_or_zero(MEMORY_SHARE, 268_435_456.0, f64::INFINITY, "bytes")),
     // At most a week.
     ("limits.job_secs", Kind::Number(Bounds { low: 1.0, high: 604_800.0, unit: "s", zero: "no limit" })),
     ("store.data_dir", Kind::Text),
-    ("store.event_retention_hours", whole(1.0, MAX_HOURS, "h")),
-    ("store.min_free_bytes", whole(0.0, 1e15, "bytes")),
+    ("store.event_retention_hours", integer(1.0, MAX_HOURS, "h")),
+    ("store.min_free_bytes", integer(0.0, 1e15, "bytes")),
     ("store.min_free_share", number(0.0, 0.9, "")),
-    ("store.orphan_hours", whole(1.0, MAX_HOURS, "h")),
-    ("store.swept_hours", whole(1.0, MAX_HOURS, "h")),
-    ("store.scrub_hours", whole_or_zero("never", 1.0, MAX_HOURS, "h")),
-    ("retention.job_days", whole_or_zero("never", 1.0, MAX_DAYS, "days")),
-    ("retention.jobs_per_part", whole_or_zero("all", 1.0, 1e6, "")),
-    ("retention.unused_mesh_days", whole_or_zero("never", 1.0, MAX_DAYS, "days")),
-    ("retention.run_days", whole_or_zero("never", 1.0, MAX_DAYS, "days")),
+    ("store.orphan_hours", integer(1.0, MAX_HOURS, "h")),
+    ("store.swept_hours", integer(1.0, MAX_HOURS, "h")),
+    ("store.scrub_hours", integer_or_zero("never", 1.0, MAX_HOURS, "h")),
+    ("retention.job_days", integer_or_zero("never", 1.0, MAX_DAYS, "days")),
+    ("retention.jobs_per_part", integer_or_zero("all", 1.0, 1e6, "")),
+    ("retention.unused_mesh_days", integer_or_zero("never", 1.0, MAX_DAYS, "days")),
+    ("retention.run_days", integer_or_zero("never", 1.0, MAX_DAYS, "days")),
     ("retention.max_disk_share", number(0.0, 1.0, "")),
     ("retention.hold_label", Kind::Text),
-    ("planning.threads", whole_or_zero("one per core", 1.0, 1024.0, "")),
-    ("planning.concurrent_jobs", whole_or_zero("as many as there are threads", 1.0, 64.0, "")),
-    ("planning.max_attempts", whole(1.0, 100.0, "")),
+    ("planning.threads", integer_or_zero("one per core", 1.0, 1024.0, "")),
+    ("planning.concurrent_jobs", integer_or_zero("as many as there are threads", 1.0, 64.0, "")),
+    ("planning.max_attempts", integer(1.0, 100.0, "")),
     ("execution.live", Kind::Switch),
     ("execution.cells", Kind::List),
     ("execution.lease_secs", number(0.5, 30.0, "s")),
     ("execution.heartbeat_secs", number(0.1, 15.0, "s")),
     ("execution.audit_dir", Kind::Text),
-    ("execution.audit_file_bytes", whole(65_536.0, 1_073_741_824.0, "bytes")),
-    ("execution.audit_files", whole(2.0, 1000.0, "")),
-    ("execution.max_runs", whole(1.0, 256.0, "")),
+    ("execution.audit_file_bytes", integer(65_536.0, 1_073_741_824.0, "bytes")),
+    ("execution.audit_files", integer(2.0, 1000.0, "")),
+    ("execution.max_runs", integer(1.0, 256.0, "")),
     ("telemetry.log", Kind::Text),
     ("telemetry.format", Kind::Text),
 ];
@@ -159,7 +159,7 @@ impl Read {
             self.settings[section][name] = value;
             return;
         };
-        if matches!(kind, Kind::Whole(_)) {
+        if matches!(kind, Kind::Integer(_)) {
             // It may be one that its type does not hold.
             self.out_of_range.push(pointer, format!("is {value}; allowed is {}", kind.allowed()));
             return;
@@ -233,7 +233,7 @@ impl<'a> Written<'a> {
         if let ValueKind::Boolean(value) = self.value { Some(*value) } else { self.text()?.parse().ok() }
     }
 
-    fn whole(self) -> Option<u64> {
+    fn integer(self) -> Option<u64> {
         match self.value {
             ValueKind::I64(number) => u64::try_from(*number).ok(),
             ValueKind::I128(number) => u64::try_from(*number).ok(),
@@ -276,7 +276,7 @@ impl Kind {
     fn read(self, written: Written<'_>) -> Option<serde_json::Value> {
         match self {
             Self::Switch => written.switch().map(Into::into),
-            Self::Whole(_) => written.whole().map(Into::into),
+            Self::Integer(_) => written.integer().map(Into::into),
             Self::Number(_) => written.number().map(Into::into),
             Self::Text | Self::Secret => written.string().map(Into::into),
             Self::Address => written.string().filter(|text| text.parse::<SocketAddr>().is_ok()).map(Into::into),
@@ -286,7 +286,7 @@ impl Kind {
 
     fn bounds(self) -> Option<Bounds> {
         match self {
-            Self::Whole(bounds) | Self::Number(bounds) => Some(bounds),
+            Self::Integer(bounds) | Self::Number(bounds) => Some(bounds),
             Self::Switch | Self::Text | Self::Secret | Self::Address | Self::List => None,
         }
     }
@@ -295,7 +295,7 @@ impl Kind {
     fn allowed(self) -> String {
         match self {
             Self::Switch => "true or false".to_owned(),
-            Self::Whole(bounds) => bounds.allowed("a whole number"),
+            Self::Integer(bounds) => bounds.allowed("a whole number"),
             Self::Number(bounds) => bounds.allowed("a number"),
             Self::Text | Self::Secret => "a string, in quotes".to_owned(),
             Self::Address => "a string ADDRESS:PORT, such as \"127.0.0.1:8080\"".to_owned(),
@@ -311,7 +311,8 @@ impl Kind {
         }
         let is_list = matches!(self, Self::List);
         let is_quoted = !is_list && self.read(Written { is_text: true, ..written }).is_some();
-        let hint = if is_quoted { "; write it without quotes" } else { "" };
+        let comma = written.string().filter(|_| matches!(self, Self::Number(_))).map_or("", decimal_comma_advice);
+        let hint = if is_quoted { "; write it without quotes" } else { comma };
         format!("is {}; allowed is {allowed}{hint}", found(written.value))
     }
 }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::{ReadArgs, coordinates, observations, one_of, refused, with_sd};
 use crate::cell::calibration::data::{SigmaSource, Solve};
 use crate::cell::calibration::findings::{FindingCode, Severity};
+use crate::cell::calibration::observability::Freedom;
 use crate::cell::calibration::refine::MAX_ITERATIONS;
 use crate::cell::{Cell, CellSpec};
 use crate::cli::check::warn;
@@ -210,7 +211,11 @@ fn face_text(face: &PlateFaceDocument) -> String {
 fn weakest_text(weakest: &WeakestDocument) -> String {
     let by_mm = || format!("{:.3} mm", weakest.sd_mm.unwrap_or(f64::NAN));
     let sd = weakest.sd_deg.map_or_else(by_mm, |sd_deg| format!("{sd_deg:.4}°"));
-    with_sd(&format!("{} along ({}) of the cloud", weakest.freedom.as_str(), coordinates(weakest.axis, 2)), &sd)
+    let freedom = match weakest.freedom {
+        Freedom::Turn => "turn about",
+        Freedom::Shift => "shift along",
+    };
+    with_sd(&format!("{freedom} ({}) of the cloud", coordinates(weakest.axis, 2)), &sd)
 }
 
 #[cfg(test)]
@@ -218,7 +223,6 @@ pub(super) mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::cell::calibration::observability::Freedom;
     use crate::cell::{Presets, SpecLibrary};
 
     /// ± was told of one standard deviation.
@@ -229,7 +233,7 @@ pub(super) mod tests {
         let shift = WeakestDocument { freedom: Freedom::Shift, axis: [-0.001, 0.6, 0.8], sd_deg: None, sd_mm: Some(0.012) };
         assert_eq!(weakest_text(&shift), "shift along (0.00 0.60 0.80) of the cloud (standard deviation 0.012 mm)");
         let turn = WeakestDocument { freedom: Freedom::Turn, sd_deg: Some(0.001_2), sd_mm: None, ..shift };
-        assert!(weakest_text(&turn).ends_with("(standard deviation 0.0012°)"), "{}", weakest_text(&turn));
+        assert_eq!(weakest_text(&turn), "turn about (0.00 0.60 0.80) of the cloud (standard deviation 0.0012°)");
         let scale =
             BoardScaleDocument { ratio: 1.002, sd: 0.000_8, shift_mm: 0.96, shift_sd_mm: 0.384, converged: None, rounds: None };
         let told = "1.00200 of the lengths that the arm's motions imply (standard deviation 0.00080, 0.384 mm along the view)";

@@ -9,12 +9,13 @@ use crate::cell::calibration::check::{Check, CheckLimits, CheckVerdict};
 use crate::cell::calibration::data::{HandEyeSetup, Sighting};
 use crate::cell::calibration::findings::{FindingCode, Severity};
 use crate::cell::calibration::table::{harmonics_of, without_runout};
-use crate::cell::{Cell, CellSpec, CloudFrameSpec, PoseSpec};
+use crate::cell::{Cell, CellSpec, CloudFrameSpec, Findings, PoseSpec};
+use crate::check::kind_of;
 use crate::cli::files::{self, FileLibrary};
 use crate::cli::plan::now;
 use crate::cli::ranges::number;
 use crate::cli::{CliError, output};
-use crate::wire::calibration::{CalibrationCheckDocument, CalibrationData, CalibrationDocument};
+use crate::wire::calibration::{CALIBRATION_SCHEMA, CalibrationCheckDocument, CalibrationData, CalibrationDocument};
 use crate::wire::json_file_bytes;
 use crate::wire::words::counted;
 
@@ -35,7 +36,7 @@ pub(super) struct CalibrateCheckArgs {
     /// Calibration to check: the JSON file that `vantage calibrate cell` wrote.
     #[arg(long, value_name = "FILE.json")]
     calibration: PathBuf,
-    /// Cell in which the board was observed: a preset name, or a TOML or JSON file.
+    /// Cell in which the board was observed, with the calibration: the file that `vantage calibrate cell --write-cell` wrote.
     #[arg(long, default_value = "e05-transcan")]
     cell: String,
     /// Accepted rate of false alarms, 0.0001 to 0.2.
@@ -82,10 +83,7 @@ pub(super) fn run(args: &CalibrateCheckArgs) -> Result<(), CliError> {
         let (of, here) = (&calibration.cell, &cell.name);
         return Err(CliError::BadInput(format!("{}: /cell: is of cell {of:?}, not of {here:?}", args.calibration.display())));
     }
-    for (pointer, detail) in off_calibration(&spec, &calibration) {
-        let remedy = "plan and run with the cell that `vantage calibrate cell --write-cell` wrote, or calibrate this one";
-        output::warning(&args.cell, pointer, &detail, remedy);
-    }
+    carries(&spec, &calibration, &args.cell)?;
     let (data, digest) = observations(&args.data, &args.read)?;
     let shown = args.data.display().to_string();
     seen_alike(&data, &cell, calibration.setup, &calibration.scanner_from_cloud)
@@ -146,6 +144,15 @@ fn remedy_of(code: FindingCode) -> &'static str {
     }
 }
 
+/// Requires a cell that carries the calibration: of another one a verdict would say nothing, and be taken for its own.
+fn carries(spec: &CellSpec, calibration: &CalibrationDocument, shown: &str) -> Result<(), CliError> {
+    let mut findings = Findings::default();
+    for (pointer, detail) in off_calibration(spec, calibration) {
+        findings.push(pointer, detail);
+    }
+    findings.into_result().map_err(|errors| files::findings(shown, &errors))
+}
+
 /// Poses of a cell that are not those of the calibration, nor as a check has compensated them: by JSON pointer, with how far they are
 /// off. The check is of the calibration, and says nothing of a cell that does not carry it.
 fn off_calibration(spec: &CellSpec, calibration: &CalibrationDocument) -> Vec<(&'static str, String)> {
@@ -160,7 +167,12 @@ fn off_calibration(spec: &CellSpec, calibration: &CalibrationDocument) -> Vec<(&
         let off = calibrated.pose::<(), ()>().inverse() * own.pose::<(), ()>();
         let (mm, rad) = (off.isometry().translation.vector.norm(), off.isometry().rotation.angle());
         let deg = rad.to_degrees();
-        let detail = || format!("is {mm:.3} mm and {deg:.4}° off that of the calibration: the check says nothing of this cell");
+        let detail = || {
+            format!(
+                "is {mm:.3} mm and {deg:.4}° off that of the calibration, of which alone the check tells: give the cell that `vantage \
+                 calibrate cell --write-cell` wrote, or calibrate this one"
+            )
+        };
         (mm > SAME_MM || rad > SAME_RAD).then(|| (pointer, detail()))
     };
     let table = calibration.base_from_table.as_ref();
@@ -217,6 +229,12 @@ fn verdict(document: &CalibrationCheckDocument, shown: &str) -> Result<(), CliEr
 fn calibration(path: &std::path::Path) -> Result<CalibrationDocument, CliError> {
     let shown = path.display().to_string();
     let value: Value = files::value(path)?;
+    let schema = value.get("schema").and_then(Value::as_str).filter(|_| kind_of(&value).is_none());
+    if let Some(schema) = schema.filter(|schema| *schema != CALIBRATION_SCHEMA) {
+        return Err(CliError::BadInput(format!(
+            "{shown}: /schema: is {schema:?}; give the calibration that `vantage calibrate cell --out` wrote, {CALIBRATION_SCHEMA:?}"
+        )));
+    }
     let document: CalibrationDocument = files::of_kind(value, ("a calibration", None), &shown)?;
     document.check().map_err(|errors| files::findings(&shown, &errors))?;
     let expected = digest_of(&CalibrationDocument { id: String::new(), ..document.clone() });
@@ -266,6 +284,28 @@ mod tests {
 
     fn spec() -> CellSpec {
         Presets.cell("e05-transcan").expect("a preset")
+    }
+
+    /// The verdict of such a check was ok, with exit code 0, beside warnings that it said nothing of the cell.
+    #[test]
+    fn a_cell_that_does_not_carry_the_calibration_is_not_checked() {
+        let calibration = crate::cli::calibrate::cell::tests::calibration();
+        let calibrated = calibration.calibrated(spec()).expect("on the flange");
+        assert!(carries(&calibrated, &calibration, "cell.toml").is_ok());
+        let refused = carries(&spec(), &calibration, "cell.toml").expect_err("another cell");
+        let told = refused.to_string();
+        assert!(refused.exit_code() == 2 && told.contains("/flange_from_scanner") && told.contains("/base_from_table"), "{told}");
+    }
+
+    /// Observations in place of the calibration were told to lack 21 fields, and what they are came last.
+    #[test]
+    fn a_document_of_another_schema_is_told_by_its_schema_alone() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("data.json");
+        std::fs::write(&path, r#"{"schema": "vantage.calibration_data/1", "observations": []}"#).expect("a file");
+        let told = calibration(&path).expect_err("observations").to_string();
+        assert!(told.contains("/schema: is \"vantage.calibration_data/1\"; give the calibration that"), "{told}");
+        assert!(!told.contains("missing"), "{told}");
     }
 
     /// A cell whose poses were 30 mm off those of the calibration was told to be ok.

@@ -214,18 +214,18 @@ fn worst_sd(covariance: &Square, first: usize) -> f64 {
 }
 
 fn text(document: &CalibrationPosesDocument) -> String {
+    let sd = |shift_mm: f64, turn_deg: f64| format!("scanner {shift_mm:.3} mm and {turn_deg:.4}°");
+    let expected = sd(document.translation_sd_mm, document.rotation_sd_deg);
     let worst = document.worst_translation_sd_mm.zip(document.worst_rotation_sd_deg);
-    let worst = worst.map_or_else(String::new, |(shift_mm, turn_deg)| {
-        format!("In the worst direction: scanner {shift_mm:.3} mm and {turn_deg:.4}°\n")
-    });
+    // Where an axis is the worst direction, as printed, that is told already.
+    let worst = worst.map(|(shift_mm, turn_deg)| sd(shift_mm, turn_deg)).filter(|worst| *worst != expected);
+    let worst = worst.map_or_else(String::new, |worst| format!("In the worst direction: {worst}\n"));
     let told = format!(
-        "{} poses of {} candidates, {} of them to hold out; expected standard deviation with a calibrated arm: scanner {:.3} mm \
-and {:.4}°, table axis {:.3} mm\n",
+        "{} poses of {} candidates, {} of them to hold out; expected standard deviation with a calibrated arm: {expected}, table axis \
+{:.3} mm\n",
         document.poses.len(),
         document.candidates,
         document.hold_out,
-        document.translation_sd_mm,
-        document.rotation_sd_deg,
         document.axis_sd_mm
     );
     told + &worst
@@ -256,6 +256,9 @@ mod tests {
         };
         let told = text(&document);
         assert!(told.ends_with("scanner 0.034 mm and 0.0012°, table axis 0.021 mm\n"), "{told}");
+        let (worst_rotation_sd_deg, worst_translation_sd_mm) = (Some(0.001_21), Some(0.034_4));
+        let same = CalibrationPosesDocument { worst_rotation_sd_deg, worst_translation_sd_mm, ..document.clone() };
+        assert_eq!(text(&same), told, "the same figures are told once");
         let (worst_rotation_sd_deg, worst_translation_sd_mm) = (Some(0.001_5), Some(0.041));
         let told = text(&CalibrationPosesDocument { worst_rotation_sd_deg, worst_translation_sd_mm, ..document });
         assert!(told.ends_with("table axis 0.021 mm\nIn the worst direction: scanner 0.041 mm and 0.0015°\n"), "{told}");

@@ -109,3 +109,14 @@ fn names_that_are_none_are_told_with_those_that_are() {
     wrong.cube = 0.0;
     assert!(run(&wrong).expect_err("no cube").to_string().contains("--cube: is 0 mm; allowed is 1 to 5000 mm"));
 }
+
+/// Straight above the plate, the home was taken as free with 50 mm: link 4 and the adapter, which are never that far apart, were
+/// asked for 1 mm only, and no plan left it.
+#[test]
+fn a_home_that_is_found_keeps_the_clearance_of_plans() {
+    let devices = ["cell", "--robot", "kuka-kr6-r900-2", "--scanner", "transcan-c-nominal", "--table-at", "700,200,100"];
+    let args = Line::try_parse_from(devices).unwrap_or_else(|error| panic!("{error}")).args;
+    let (cell, _) = args.mounted(HousingFace::Back).expect("a specification").cell.expect("a sound cell");
+    let codes: Vec<_> = warnings::of_cell(&cell, "").into_iter().map(|warning| warning.code).collect();
+    assert!(!codes.contains(&warnings::WarningCode::HomeTooClose), "{codes:?}");
+}

@@ -2,11 +2,11 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::LazyLock;
 use std::sync::atomic::AtomicBool;
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 
 use super::tests::check as check_files;
-use crate::cell::{Cell, CollisionScene, Configuration, PoseSpec, Presets, SpecLibrary};
+use crate::cell::{Body, Cell, CollisionScene, Configuration, PoseSpec, Presets, Shape, SpecLibrary};
 use crate::check::{CheckPlace, Reference, Sound, check};
 use crate::geometry::mesh_io::write_stl;
 use crate::geometry::{LengthUnit, Mesh, Part, Pose, ScannerFrame, Table};
@@ -17,6 +17,7 @@ use crate::service::plan_job::{Artifact, PLAN_FILE, PlanJob, Reports, bytes_of, 
 use crate::testing::{box_mesh, nominal_scanner};
 use crate::wire::echo::Echo;
 use crate::wire::plan::PlanDocument;
+use crate::wire::warnings::{FieldWarning, WarningCode};
 
 /// Clearance of a plan by default, mm.
 const CLEARANCE_MM: f64 = 5.0;
@@ -161,6 +162,30 @@ fn with_a_view_twice(plan: &Value) -> Value {
         plan["viewpoints"][1][field] = plan["viewpoints"][0][field].clone();
     }
     plan
+}
+
+/// A plate before the projector's lens: plans of the cell had "Target met" at their head, and no check objected.
+#[test]
+fn a_plan_and_a_program_of_a_cell_whose_mount_hides_its_field_are_told_so() {
+    let planned = &*PLANNED;
+    let owner_from_body = Isometry3::translation(75.0, 0.0, 95.0);
+    let plate = Body { name: "plate".into(), owner_from_body, shape: Shape::Box { size_mm: [2.0, 44.0, 30.0] } };
+    let mut cell = planned.cell.clone();
+    cell.mount.push(plate);
+    let pointers = |warnings: &[FieldWarning]| -> Vec<String> {
+        let of_sight = warnings.iter().filter(|warning| warning.code == WarningCode::MountHidesField);
+        of_sight.map(|warning| warning.pointer.clone()).collect()
+    };
+    let files = files(&planned.block, &cell, Some(&cell));
+    let of_plan: PlanDocument = serde_json::from_slice(bytes_of(&files, PLAN_FILE)).expect("a plan");
+    assert_eq!(pointers(&of_plan.warnings), ["/cell/mount/1"], "at the head of the reports, too");
+    for document in [PLAN_FILE, "program.json"] {
+        let value: Value = serde_json::from_slice(bytes_of(&files, document)).expect("JSON");
+        let sound = checked(&value, CheckPlace::Cell(&cell), None).expect("sound but for its field");
+        assert_eq!(pointers(&sound.warnings), ["/cell/mount/1"], "{document}");
+        let open = checked(&value, CheckPlace::Cell(&planned.cell), None).expect("sound");
+        assert_eq!(pointers(&open.warnings), Vec::<String>::new(), "{document}");
+    }
 }
 
 #[test]

@@ -58,6 +58,19 @@ fn every_preset_is_recognised_and_sound() {
     assert_eq!(folder.check("params.json", &params), Ok(()));
 }
 
+/// A preset by its name was told to be no file, and nothing more.
+#[test]
+fn presets_are_checked_by_their_names_and_a_misspelled_one_is_asked_about() {
+    for name in ["e05-transcan", "transcan-c", "hans-e05", "minas-a6-500", "thesis"] {
+        assert_eq!(check(&[name]), Ok(()), "{name}");
+    }
+    let told = check(&["e5-transcan"]).expect_err("refused");
+    assert!(told.starts_with("e5-transcan: there is no such file; there is no such preset either"), "{told}");
+    assert!(told.ends_with("; did you mean e05-transcan?"), "{told}");
+    let told = check(&["e05-transcan.tml"]).expect_err("refused");
+    assert!(!told.contains("preset"), "a name with an ending is a file's: {told}");
+}
+
 #[test]
 fn findings_name_file_field_value_and_range() {
     let folder = Folder::new();

@@ -34,6 +34,10 @@ fn what_is_wrong_is_named_with_its_line() {
         ("region,tolerance_mm,tolerance_mm\nsphere 1 2 3 4,0.1,0.2\n", "\"tolerance_mm\" twice"),
         ("name;region;tolerance_mm\nbore;sphere 1 2 3 4;0,05\n", "separated by semicolons; use commas"),
         ("region,tolerance_mm\nsphere 1 2 3 4,x\n", "line 2: tolerance_mm is \"x\""),
+        (
+            "region,tolerance_mm\nsphere 1 2 3 4,\"0,05\"\n",
+            "line 2: tolerance_mm is \"0,05\"; allowed is a number; use a point as decimal separator",
+        ),
         ("region,tolerance_mm\n\nsphere 1 2 3,0.1\n", "line 3: region sphere has 3 numbers; it takes 4"),
         ("region,tolerance_mm\ncone 1,0.1\n", "\"cone\""),
         ("region,tolerance_mm\nfaces 9-7,0.1\n", "\"9-7\""),

@@ -172,8 +172,10 @@ fn who_cannot_write_is_told_what_to_do_next() {
         let told = write_file(Path::new("/proc/nowhere"), b"").expect_err("the system's own").to_string();
         assert!(told.ends_with(elsewhere), "{told}");
     }
-    let told = refused(Path::new("plans"), &ErrorKind::StorageFull.into()).to_string();
-    assert!(told.ends_with("\n  → free space on its disk, or name a place on another disk"), "{told}");
+    for full in [ErrorKind::StorageFull, ErrorKind::QuotaExceeded] {
+        let told = refused(Path::new("plans"), &full.into()).to_string();
+        assert!(told.ends_with("\n  → free space on its disk, or name a place on another disk"), "{told}");
+    }
 }
 
 #[test]

@@ -35,7 +35,8 @@ pub(super) struct RunWatch {
     /// True while the run waits for a line: from when it is armed or pauses until a line takes it on.
     awaits_line: bool,
     bar: ProgressBar,
-    told: Option<(RunState, Option<usize>)>,
+    /// State and step that were told last, and whether a stop was.
+    told: Option<(RunState, Option<usize>, bool)>,
     last_id: u64,
     /// Reason for which the run was stopped though nobody asked for that.
     gave_up: Option<String>,
@@ -151,12 +152,19 @@ impl RunWatch {
     fn show(&mut self, event: &LiveEvent) {
         self.last_id = event.id;
         let (state, step) = (event.status.state, event.step);
-        let now = Some((state, step));
+        let is_stopping = matches!(event.status.reason, RunReason::Stopping(_));
+        let now = Some((state, step, is_stopping));
         if self.told == now {
             return;
         }
-        let is_new_state = self.told.is_none_or(|(before, _)| before != state);
+        let is_new_state = self.told.is_none_or(|(before, ..)| before != state);
         self.told = now;
+        if is_stopping {
+            // On a terminal too: whoever stands at the cell has to know that it is not at rest yet.
+            self.bar.suspend(|| output::note(format_args!("{}: {}", state.as_str(), event.status.reason)));
+            self.awaits_line = false;
+            return;
+        }
         if is_new_state {
             self.awaits_line = matches!(state, RunState::Armed | RunState::Paused);
         }

@@ -5,7 +5,7 @@ use super::*;
 const A: IpAddr = IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 1));
 const B: IpAddr = IpAddr::V4(std::net::Ipv4Addr::new(10, 0, 0, 2));
 
-/// True if the connection was evicted.
+/// Returns true if the connection was evicted.
 async fn is_evicted(slot: &ConnectionSlot) -> bool {
     tokio::time::timeout(Duration::from_millis(1), slot.evicted()).await.is_ok()
 }

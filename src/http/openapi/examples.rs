@@ -10,7 +10,7 @@ use crate::wire::{MeshId, example};
 /// Name of the example specifications.
 const NAME: &str = "mine";
 
-/// Id of a job that is none: what a run is of is known only once a job was planned.
+/// Id of a job that does not exist: what a run is of is known only once a job was planned.
 const NOBODY: &str = "01a1f77c-78a1-7554-855a-a9513c22aa2b";
 
 /// A collection of specifications, a preset of it, and that preset as JSON under [`NAME`].

@@ -13,11 +13,20 @@ const HEADERS: [(&str, &str); 2] = [
     ("If-Range", "Entity tag of the version that the range is for; if the file is another version, the whole of it is sent."),
 ];
 
+/// Sentence on parts in the description of a JSON document.
+const PART_OF_JSON: &str = " With the header `Range`, the response is 206 with that part of the bytes (RFC 9110, section 14), which \
+                            is not a JSON document.";
+
 /// Adds the headers and the answer, with the content of the whole: a part of a text or of bytes is one as well. A part of a JSON document
-/// follows no schema, and clients that are made from the document would take it for another result. 416 is among the problems.
+/// follows no schema, and clients that are made from the document would take it for another result: the description of the whole
+/// tells of it. 416 is among the problems.
 pub(super) fn add(openapi: &mut OpenApi) {
     let operations = openapi.paths.paths.values_mut().filter_map(|item| item.get.as_mut());
     for operation in operations.filter(|operation| sends_result(operation)) {
+        if let Some(RefOr::T(whole)) = operation.responses.responses.get_mut("200").filter(|whole| is_json(whole)) {
+            whole.description += PART_OF_JSON;
+            continue;
+        }
         let parameters = operation.parameters.get_or_insert_default();
         for (name, description) in HEADERS {
             let parameter = ParameterBuilder::new()
@@ -35,12 +44,14 @@ pub(super) fn add(openapi: &mut OpenApi) {
     }
 }
 
-/// Returns true for a route of a stored result that is not JSON: it has a tag and may be known to the client, and does not list parts
-/// itself.
+/// Returns true for a response with a JSON document.
+fn is_json(whole: &RefOr<Response>) -> bool {
+    matches!(whole, RefOr::T(whole) if whole.content.keys().any(|media| media.ends_with("json")))
+}
+
+/// Returns true for a route of a stored result: it has a tag and may be known to the client, and does not list parts itself.
 fn sends_result(operation: &Operation) -> bool {
     let has = |status: &str| operation.responses.responses.contains_key(status);
     let is_tagged = operation.tags.iter().flatten().any(|tag| TAGS.contains(&tag.as_str()));
-    let is_json =
-        |whole: &RefOr<Response>| matches!(whole, RefOr::T(whole) if whole.content.keys().any(|media| media.ends_with("json")));
-    is_tagged && has("304") && !has("206") && !operation.responses.responses.get("200").is_some_and(is_json)
+    is_tagged && has("304") && !has("206")
 }

@@ -297,7 +297,8 @@ pub(in crate::http) async fn losses(
 
 /// Get the deviation of the surface
 ///
-/// A table of the faces; as `ply`, the measured points coloured by deviation.
+/// A table of the faces; as `ply`, the measured points coloured by deviation. Deviations are along the outward normal: above 0 is more
+/// material than nominal.
 #[utoipa::path(
     get,
     path = "/inspections/{id}/deviation",

@@ -230,7 +230,7 @@ pub(in crate::http) async fn delete_selected(
         ("cell" = Option<String>, Query, example = "e05-transcan", description = "Only jobs in the cell of this name; `none` for those without one."),
         ("created_after" = Option<String>, Query, format = DateTime, example = "2026-01-01T00:00:00Z", description = "Only jobs accepted at this time or later (RFC 3339)."),
         ("created_before" = Option<String>, Query, format = DateTime, example = "2100-01-01T00:00:00+01:00", description = "Only jobs accepted before this time (RFC 3339)."),
-        ("sort" = Option<JobSort>, Query, example = "-created_at", description = "Order of the jobs: a field, with `-` for descending; `-created_at` by default. In ascending order, a job that has not ended comes after those that have, and one without a number before those with one."),
+        ("sort" = Option<JobSort>, Query, example = "-created_at", description = "Order of the jobs: a field, with `-` for descending; `-created_at` by default: latest accepted first, also where the clock was set back between two jobs. In ascending order, a job that has not ended comes after those that have, and one without a number before those with one."),
         ("fields" = Option<String>, Query, example = "id,state,part_number,serial,ended_at", description = "Fields of each job to return, separated by commas; `id` is always included. Default: all."),
         ("page_size" = Option<u32>, Query, description = "Largest number of entries on the page; 50 by default.", minimum = 1, maximum = 1000),
         ("page_token" = inline(Option<super::super::openapi::PageToken>), Query, description = "`next_page_token` of the previous page; filters and order must be the same."),

@@ -37,8 +37,8 @@ static PREVIEW: [Representation; 2] = [
     operation_id = "upload_mesh",
     params(
         ("unit" = inline(crate::wire::MeshUnit), Query, example = "mm", description = "Unit of the file's coordinates, which mesh files do not state."),
-        ("name" = Option<String>, Query, description = "Name shown in reports and lists. Without it, the file name that a multipart form gives.", example = "tetrahedron", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]+$"),
-        ("Content-Digest" = Option<String>, Header, example = json!(crate::wire::example::MESH_DIGEST), pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused if its digest differs."),
+        ("name" = Option<String>, Query, description = "Name shown in reports and lists. Without it, the file name that a multipart form gives.", example = "tetrahedron", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]+$"),
+        ("Content-Digest" = Option<String>, Header, example = json!(crate::wire::example::MESH_DIGEST), pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:`, the SHA-256 of the body (RFC 9530); of a form, that of its file is accepted too. The upload is refused if the digest differs."),
     ),
     request_body(description = "The mesh file.", content((inline(super::super::openapi::Bytes) = "application/octet-stream"))),
     responses(

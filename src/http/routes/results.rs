@@ -197,7 +197,7 @@ async fn with_bytes(
     let part = asked_part(headers, &format!("\"{}\"", file.sha256()), length);
     let mut response = match &part {
         AskedPart::BeyondEnd => return Ok(beyond_end(length)),
-        AskedPart::Whole => whole(state, file, headers).await?,
+        AskedPart::Whole => full_body(state, file, headers).await?,
         AskedPart::Bytes(bytes) => {
             let reader = PartReader::new(file.open(false).await?, bytes);
             let body = streamed(Box::new(reader), state.downloads.clone());
@@ -210,13 +210,13 @@ async fn with_bytes(
     Ok(response)
 }
 
-/// True if the result as a whole is sent compressed as stored.
+/// Returns true if the result as a whole is sent compressed as stored.
 fn is_sent_packed(file: &ResultBody, headers: &HeaderMap) -> bool {
     file.is_packed() && accepts_gzip(headers)
 }
 
 /// A result as a whole.
-async fn whole(state: &ApiState, file: &ResultBody, headers: &HeaderMap) -> Result<Response, ApiError> {
+async fn full_body(state: &ApiState, file: &ResultBody, headers: &HeaderMap) -> Result<Response, ApiError> {
     let packed = is_sent_packed(file, headers);
     let mut response = streamed(file.open(packed).await?, state.downloads.clone()).into_response();
     response.headers_mut().insert(CONTENT_LENGTH, file.size_bytes(packed).into());
@@ -278,6 +278,8 @@ pub(in crate::http) struct AskedParameter {
     pub name: &'static str,
     /// Form that the route documents: the one that it gives without the parameter.
     pub form: &'static str,
+    /// Forms that the route gives beside that one.
+    pub others: Vec<Representation>,
 }
 
 /// Defines the routes of results: of each its media type in the API document, and how its form is chosen of all that are offered.
@@ -313,9 +315,12 @@ macro_rules! results {
 
         /// Parameters of the routes whose form a request may ask for.
         pub(in crate::http) fn asked_parameters() -> Vec<AskedParameter> {
-            let routes = [$(($path, $choice, $offered.first().map(|form| form.name))),+];
-            let asked = routes.into_iter().filter_map(|(path, choice, form)| match choice {
-                FormChoice::Asked(name) => Some(AskedParameter { path, name, form: form? }),
+            let routes = [$(($path, $choice, $offered.into_iter().collect::<Vec<_>>())),+];
+            let asked = routes.into_iter().filter_map(|(path, choice, offered)| match choice {
+                FormChoice::Asked(name) => {
+                    let mut offered = offered.into_iter();
+                    Some(AskedParameter { path, name, form: offered.next()?.name, others: offered.collect() })
+                }
                 FormChoice::Only(_) => None,
             });
             asked.collect()

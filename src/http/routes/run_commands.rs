@@ -89,7 +89,8 @@ pub(in crate::http) async fn resume(
 ///
 /// Asks the controllers to stop in a controlled way, and ends the run; it cannot be resumed. The field `stop` of the run states
 /// separately when the request was put on the wire, when the controllers acknowledged it, and when arm and table were measured at
-/// rest. Anybody may stop; stopping an ended run has no effect. A query or a body is ignored.
+/// rest. Until then the run has the reason `stopping`: the answer has it too if arm and table are not at rest within 2 s. Anybody
+/// may stop; stopping an ended run has no effect. A query or a body is ignored.
 ///
 /// This is not an emergency stop: Vantage is not safety-rated, and this request can be late or lost.
 #[utoipa::path(

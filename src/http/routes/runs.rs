@@ -152,9 +152,9 @@ pub(in crate::http) async fn get(
 ///
 /// Server-sent events, from the run's beginning or resumed after `Last-Event-ID`; the stream ends with the run. Events other than
 /// `live` are stored: `event` is a `RunEventKind`, `data` a `RunEventDocument` as JSON. `live` is the measured state, 10 to 50
-/// times a second: `data` is a `RunSample`; the latest ones are replayed too, and a slow reader loses some. The event `reset`
-/// means that events after the given id are no longer stored: reload the run. It is the only event if all events of an ended run
-/// were deleted for their age.
+/// times a second: `data` is a `RunSample`; the latest ones are replayed too, without `Last-Event-ID` those since the last change
+/// of state, and a slow reader loses some. The event `reset` means that events after the given id are no longer stored: reload the
+/// run. It is the only event if all events of an ended run were deleted for their age.
 #[utoipa::path(
     get,
     path = "/runs/{id}/events",
@@ -191,7 +191,7 @@ pub(in crate::http) async fn events(
     tag = "runs",
     operation_id = "get_run_record",
     params(("id" = uuid::Uuid, Path, description = "Id of the run.")),
-    responses((status = 200, description = "The record.", body = RunRecordDocument))
+    responses((status = 200, description = "The record; with `Accept: text/csv`, its table.", body = RunRecordDocument))
 )]
 pub(in crate::http) async fn record(
     State(state): State<ApiState>,

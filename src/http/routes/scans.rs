@@ -41,8 +41,8 @@ fn scan_id(text: &str) -> Result<ScanId, ApiError> {
         ("view" = Option<u32>, Query, minimum = 0, maximum = 99_999, example = 1, description = "Viewpoint of the plan from which the scan was taken. Default: the number in the name of the file; a file without a number contains all views together."),
         ("unit" = inline(Option<crate::wire::MeshUnit>), Query, example = "mm", description = "Unit of the coordinates."),
         ("frame" = Option<ScanFrame>, Query, example = "scanner", description = "Frame of the coordinates."),
-        ("name" = Option<String>, Query, description = "Name of the file. Without it, the name that a multipart form gives.", example = "view_01.ply", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f]+$"),
-        ("Content-Digest" = Option<String>, Header, example = json!(crate::wire::example::SCAN_DIGEST), pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:` (RFC 9530); the upload is refused if its digest differs."),
+        ("name" = Option<String>, Query, description = "Name of the file. Without it, the name that a multipart form gives.", example = "view_01.ply", min_length = 1, max_length = 200, pattern = r"^[^\x00-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]+$"),
+        ("Content-Digest" = Option<String>, Header, example = json!(crate::wire::example::SCAN_DIGEST), pattern = "^sha-256=:[A-Za-z0-9+/]{42}[AEIMQUYcgkosw048]=:$", description = "`sha-256=:…:`, the SHA-256 of the body (RFC 9530); of a form, that of its file is accepted too. The upload is refused if the digest differs."),
     ),
     request_body(description = "The file.", content((inline(super::super::openapi::Bytes) = "application/octet-stream"))),
     responses(

@@ -19,7 +19,7 @@ use crate::http::router::ApiState;
 ///
 /// For web pages: exchanges the key for a cookie that no script can read. The cookie authorises requests that only read,
 /// and, together with the header `X-Vantage-Session`, requests that change something. A session ends after 12 hours
-/// without use. A server without a key sets no cookie.
+/// without use. An open stream of events is no use of its session and ends with it. A server without a key sets no cookie.
 #[utoipa::path(
     post,
     path = "/session",

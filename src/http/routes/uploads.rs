@@ -1,23 +1,26 @@
 //! Bodies that are files: sent as they are or as a form, hashed and written while they are received.
 
+use std::future::poll_fn;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::task::{Poll, ready};
+use std::task::{Context, Poll, ready};
 
 use axum::BoxError;
-use axum::body::{Body, Bytes};
+use axum::body::{Body, BodyDataStream, Bytes};
 use axum::extract::multipart::MultipartError;
 use axum::extract::{FromRequest, Multipart, Request};
 use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE};
 use axum::http::{HeaderMap, HeaderName};
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
+use futures_util::stream::Fuse;
 use futures_util::{StreamExt, stream};
+use sha2::{Digest as _, Sha256};
 
 use crate::http::download::upload_name;
 use crate::http::extract::{BodyRate, body_error, check_encoding, header_text, is_timeout, request_timeout};
 use crate::http::problem::{ApiError, Code};
 use crate::http::router::ApiState;
-use crate::service::{FinishedUpload, Upload};
+use crate::service::{Error, FinishedUpload, Upload};
 use crate::wire::hex;
 
 const CONTENT_DIGEST: HeaderName = HeaderName::from_static("content-digest");
@@ -97,9 +100,10 @@ async fn receive_form(
     state: &ApiState,
     announced: Option<&str>,
 ) -> Result<(FinishedUpload, Option<String>), ApiError> {
-    let meter = FormMeter::new(BodyRate::new(state.options.body_idle_timeout));
+    let (parts, body) = request.into_parts();
+    let meter = FormMeter::new(body, BodyRate::new(state.options.body_idle_timeout), announced.is_some());
     let refused = |error: MultipartError| meter.lock().refusal.take().unwrap_or_else(|| form_error(&error));
-    let request = request.map(|body| meter.metered(body));
+    let request = Request::from_parts(parts, meter.metered());
     // The media type was looked at before: nothing but its boundary can be at fault.
     let said = "has no boundary, which separates the parts of multipart/form-data; let the client set the header itself";
     let refused_boundary = ApiError::header(Code::BadBody, "Content-Type", said);
@@ -119,7 +123,22 @@ async fn receive_form(
         check_only_file(second.name())?;
         return Err(ApiError::at(Code::BadBody, "file", "the form has the field \"file\" twice; send one file per request"));
     }
-    Ok((upload.finish(announced).await?, file_name))
+    let content = meter.finish().await?;
+    Ok((finish_of_form(upload, announced, content).await?, file_name))
+}
+
+/// Finishes the file of a form. The announced digest is of the content, which is the whole form (RFC 9530, section 2); clients whose
+/// library writes the form know that of the file alone, which counts as well.
+async fn finish_of_form(upload: Upload, announced: Option<&str>, content: Option<String>) -> Result<FinishedUpload, ApiError> {
+    let of_file = announced.filter(|announced| content.as_deref() != Some(*announced));
+    upload.finish(of_file).await.map_err(|error| match (error, content) {
+        (Error::DigestMismatch { found, announced }, Some(content)) => {
+            let said =
+                format!("the form's SHA-256 is {content} and its file's {found}, not the announced {announced}; announce either");
+            ApiError::new(Code::DigestMismatch, said)
+        }
+        (error, _) => error.into(),
+    })
 }
 
 /// Refuses a field that a form has beside its file.
@@ -137,16 +156,31 @@ fn check_only_file(name: Option<&str>) -> Result<(), ApiError> {
 struct FormMeter(Arc<Mutex<Metered>>);
 
 struct Metered {
+    chunks: Fuse<BodyDataStream>,
+    /// Part of a chunk that is still to be handed on.
+    rest: Bytes,
+    was_handed_on: bool,
     rate: BodyRate,
     beside_file: usize,
     is_in_file: bool,
+    /// Hash of the whole content, where a digest was announced.
+    content: Option<Sha256>,
     /// Reason why the body was cut off, for which the parser has no words.
     refusal: Option<ApiError>,
 }
 
 impl FormMeter {
-    fn new(rate: BodyRate) -> Self {
-        Self(Arc::new(Mutex::new(Metered { rate, beside_file: 0, is_in_file: false, refusal: None })))
+    fn new(body: Body, rate: BodyRate, is_hashed: bool) -> Self {
+        Self(Arc::new(Mutex::new(Metered {
+            chunks: body.into_data_stream().fuse(),
+            rest: Bytes::new(),
+            was_handed_on: false,
+            rate,
+            beside_file: 0,
+            is_in_file: false,
+            content: is_hashed.then(Sha256::new),
+            refusal: None,
+        })))
     }
 
     /// Whole after every operation, also where a thread died in between.
@@ -154,34 +188,47 @@ impl FormMeter {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The body, cut off with a refusal. The parser takes everything that is ready before it looks at it, so small pieces are
-    /// handed on one at a time.
-    fn metered(&self, body: Body) -> Body {
-        let (meter, mut chunks) = (self.clone(), body.into_data_stream());
-        let (mut rest, mut was_handed_on) = (Bytes::new(), false);
-        Body::from_stream(stream::poll_fn(move |cx| {
-            if std::mem::take(&mut was_handed_on) {
-                cx.waker().wake_by_ref();
-                return Poll::Pending;
-            }
-            while rest.is_empty() {
-                match ready!(chunks.poll_next_unpin(cx)) {
-                    Some(Ok(chunk)) => rest = chunk,
-                    Some(Err(error)) => return Poll::Ready(Some(Err(error.into()))),
-                    None => return Poll::Ready(None),
-                }
-            }
-            was_handed_on = true;
-            let piece = rest.split_to(rest.len().min(PIECE));
-            Poll::Ready(Some(meter.lock().count(piece)))
-        }))
+    /// The body, cut off with a refusal.
+    fn metered(&self) -> Body {
+        let meter = self.clone();
+        Body::from_stream(stream::poll_fn(move |cx| meter.lock().poll_piece(cx)))
+    }
+
+    /// Receives what follows the form, at which its parser stops, and returns the SHA-256 of the whole content where a digest was
+    /// announced. A body that is left unread would also cost the client its connection.
+    async fn finish(&self) -> Result<Option<String>, ApiError> {
+        while let Some(piece) = poll_fn(|cx| self.lock().poll_piece(cx)).await {
+            piece.map_err(|error| self.lock().refusal.take().unwrap_or_else(|| body_error(&*error)))?;
+        }
+        Ok(self.lock().content.take().map(|content| hex(&content.finalize())))
     }
 }
 
 impl Metered {
+    /// The next piece. The parser takes everything that is ready before it looks at it, so small pieces are handed on one at a time.
+    fn poll_piece(&mut self, cx: &mut Context<'_>) -> Poll<Option<Result<Bytes, BoxError>>> {
+        if std::mem::take(&mut self.was_handed_on) {
+            cx.waker().wake_by_ref();
+            return Poll::Pending;
+        }
+        while self.rest.is_empty() {
+            match ready!(self.chunks.poll_next_unpin(cx)) {
+                Some(Ok(chunk)) => self.rest = chunk,
+                Some(Err(error)) => return Poll::Ready(Some(Err(error.into()))),
+                None => return Poll::Ready(None),
+            }
+        }
+        self.was_handed_on = true;
+        let piece = self.rest.split_to(self.rest.len().min(PIECE));
+        Poll::Ready(Some(self.count(piece)))
+    }
+
     fn count(&mut self, chunk: Bytes) -> Result<Bytes, BoxError> {
         let is_in_time = self.rate.count(chunk.len());
         self.beside_file += if self.is_in_file { 0 } else { chunk.len() };
+        if let Some(content) = &mut self.content {
+            content.update(&chunk);
+        }
         let detail = || format!("the form has more than {MAX_BESIDE_FILE} bytes beside its field \"file\"");
         let is_in_room = if self.beside_file > MAX_BESIDE_FILE { Err(ApiError::new(Code::TooLarge, detail())) } else { Ok(()) };
         is_in_time.and(is_in_room).map(|()| chunk).map_err(|refusal| {

@@ -25,6 +25,17 @@ fn a_session_ends_when_it_is_ended_and_when_nobody_uses_it() {
 }
 
 #[test]
+fn a_look_at_a_session_does_not_put_its_end_off() {
+    let (sessions, now) = (Sessions::default(), Instant::now());
+    let id = sessions.begin(KEY, now).expect("an id");
+    let almost = IDLE_TIMEOUT - Duration::from_secs(1);
+    assert_eq!(sessions.begun_with(&id, now + almost), Some(KEY));
+    assert_eq!(sessions.begun_with(&id, now + IDLE_TIMEOUT), None);
+    sessions.end(&id);
+    assert_eq!(sessions.begun_with(&id, now), None);
+}
+
+#[test]
 fn there_are_only_so_many_and_the_one_unused_for_longest_makes_room() {
     let (sessions, now) = (Sessions::default(), Instant::now());
     let at = |second: usize| now + Duration::from_secs(second as u64);

@@ -34,6 +34,21 @@ async fn a_cancellation_and_a_deletion_have_the_room_that_is_kept_for_them() {
     app.delete_calibration(id).await.expect("deleted");
 }
 
+/// The cancellation was told as done, and recovery began the calibration again.
+#[tokio::test]
+async fn a_calibration_that_an_earlier_process_left_is_cancelled_before_it_is_recovered() {
+    let (app, _folder) = service().await;
+    let _turn = app.0.calibrations.turn.lock().await;
+    let id = submitted(&app).await;
+    let run = |job: &mut CalibrationJob| job.state = CalibrationState::Running;
+    app.change_calibration(id, &[CalibrationState::Queued], run, None).await.expect("running");
+    assert_eq!(app.cancel_calibration(id).await.expect("told").state, CalibrationState::Running, "whoever computes it ends it");
+    app.forget_recovery();
+    assert_eq!(app.cancel_calibration(id).await.expect("cancelled").state, CalibrationState::Cancelled);
+    app.recover_calibrations().await.expect("recovered");
+    assert_eq!(app.calibration(id).await.expect("it").state, CalibrationState::Cancelled);
+}
+
 /// The server waited for its end.
 #[tokio::test]
 async fn a_calibration_that_the_stop_of_the_service_interrupts_waits_for_the_next_process() {

@@ -58,6 +58,12 @@ async fn a_locked_database_is_transient_and_a_broken_statement_is_not() {
     let nowhere = format!("sqlite://{}?mode=ro", folder.path().join("none/b.db").display());
     let cannot_open = Error::from(SqliteConnection::connect(&nowhere).await.expect_err("no such file"));
     assert!(cannot_open.is_transient(), "{cannot_open:?}");
+    // A quota may be the cause: a file that is written beside the database tells.
+    assert!(cannot_open.may_be_over_quota() && !locked.may_be_over_quota(), "{cannot_open:?}");
+    let probed = |kind: std::io::ErrorKind| cannot_open.clone().or_full(Err(std::io::Error::from(kind).into()));
+    assert!(matches!(probed(std::io::ErrorKind::QuotaExceeded), Error::StorageFull));
+    assert!(matches!(probed(std::io::ErrorKind::PermissionDenied), Error::StorageBusy(_)));
+    assert!(matches!(cannot_open.or_full(Ok(())), Error::StorageBusy(_)));
 }
 
 #[test]
@@ -68,5 +74,24 @@ fn what_is_missing_is_told_with_what_is_there() {
     assert_eq!(told(5, 3), format!("job {job} has 3 setups, and setup is 5; allowed are 0 to 2"));
     assert!(told(0, 0).contains("without a cell") && !told(1, 1).contains("plan"), "{}", told(0, 0));
     let full = Error::QueueFull { queued: 2, asked: 3, limit: 4 }.to_string();
-    assert_eq!(full, "2 of at most 4 entries are queued, which leaves no room for 3 more");
+    assert_eq!(full, "2 of at most 4 entries are queued, which leaves no room for 3 more; wait, or cancel queued ones");
+}
+
+/// Refusals said what was wrong, and left it to the reader to find out what to do.
+#[test]
+fn a_refusal_says_what_to_do_next() {
+    for (refusal, next) in [
+        (Error::LeaseNotFound(LeaseId::generate()), "; take it anew with POST /api/v1/leases"),
+        (Error::UploadTooLarge { limit_bytes: 9 }, "; send a smaller one, or raise limits.upload_bytes of the server"),
+        (Error::DigestMismatch { found: "ab".into(), announced: "cd".into() }, "; upload the file again"),
+        (Error::PreconditionFailed(Some("\"7\"".into())), "is \"7\"; read this version, and send its tag in If-Match"),
+        (Error::PreconditionFailed(None), "; leave out If-Match to store the first version"),
+        (Error::IdempotencyMismatch, "; use a new key"),
+        (Error::BadPageToken, "; list again without page_token"),
+        (Error::StorageFull, "; delete jobs or meshes, or free space on the disk"),
+        (Error::TooSlow, "; send it again"),
+        (Error::Draining, "; send the request again once it has been restarted"),
+    ] {
+        assert!(refusal.to_string().ends_with(next), "{refusal}");
+    }
 }

@@ -1,5 +1,7 @@
 //! Inspections while the disk is full, and of what was deleted or damaged meanwhile.
 
+use futures_util::FutureExt as _;
+
 use super::*;
 use crate::inspection::InspectionParams;
 use crate::service::ScanUpload;
@@ -247,7 +249,25 @@ async fn what_a_cancelled_inspection_has_stored_already_is_taken_back() {
         unexplained_of_asked: 0.0,
         deviation_rms_mm: None,
         not_found: None,
+        verdicts: None,
     };
     app.keep_inspection(id, summary, result).await.expect("its end");
     assert_eq!((app.inspection(id).await.expect("it").state, stored()), (JobState::Cancelled, before));
+}
+
+/// An inspection was cancelling in the store, and computed to its end.
+#[tokio::test]
+async fn an_inspection_is_cancelled_though_whoever_asked_for_it_goes_away() {
+    let (app, _folder) = service().await;
+    let id = inspection(&app, JobState::Running).await;
+    let flag = Arc::new(AtomicBool::new(false));
+    app.0.inspections.running().insert(id, (Arc::clone(&flag), 0.0));
+    assert!(app.cancel_inspection(id).now_or_never().is_none(), "it waits for the store");
+    let is_told = async {
+        while !flag.load(Ordering::Relaxed) {
+            tokio::task::yield_now().await;
+        }
+    };
+    tokio::time::timeout(Duration::from_secs(60), is_told).await.expect("the computation is told");
+    assert_eq!(app.inspection(id).await.expect("it").state, JobState::Cancelling);
 }

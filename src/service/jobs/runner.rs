@@ -84,12 +84,12 @@ impl JobRunner {
         }
     }
 
-    /// True if the results or the end of a job wait for the store.
+    /// Returns true if the results or the end of a job wait for the store.
     pub(in crate::service) fn is_waiting(&self, id: JobId) -> bool {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner).contains(&id)
     }
 
-    /// True if the pool has threads.
+    /// Returns true if the pool has threads.
     pub(in crate::service) fn is_alive(&self) -> bool {
         self.pool.current_num_threads() > 0
     }

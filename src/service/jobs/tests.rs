@@ -2,11 +2,17 @@
 
 use std::time::Duration;
 
+use sqlx::{Connection as _, SqliteConnection};
+
 use super::*;
 use crate::cell::FieldError;
+use crate::planning::context::Context;
 use crate::service::plan_job::REFUSED_FILE;
-use crate::service::tests::{ended_job, job, service, service_with};
+use crate::service::planner::JobInput;
+use crate::service::tests::{ended_job, job, keep_no_reserve, options, service, service_below_the_floor, service_with};
+use crate::wire::run::RunRequest;
 use crate::wire::warnings::WarningCode;
+use crate::wire::{EventKind, ReadinessSubject};
 
 /// A job that runs: the dispatcher, with one job at a time, starts none beside it.
 async fn running(app: &App) -> JobId {
@@ -67,6 +73,38 @@ async fn jobs_are_recovered_on_the_room_that_is_kept_for_it() {
     assert_eq!(app.job_state(id).await.expect("it"), JobState::Queued);
 }
 
+/// One cancellation took all of the room, and the next one met the full disk.
+#[tokio::test]
+async fn what_a_cancellation_leaves_of_the_room_is_kept_for_the_next() {
+    const RESERVE_BYTES: u64 = 1 << 20;
+    let (app, folder) = service().await;
+    app.0.runner.schedule().seat(JobId::generate(), Share::Pool, None);
+    app.keep_reserve().await.expect("kept");
+    let size = |name: &str| std::fs::metadata(folder.path().join(name)).expect("a file").len();
+    for _ in 0..3 {
+        assert_eq!(size("reserve"), RESERVE_BYTES);
+        let id = job(&app).await;
+        app.0.store.claim(&id.to_string()).await.expect("the queue").expect("the job");
+        app.0.store.fill_disk_at("UPDATE ON job WHEN NEW.state = 'cancelling'").await;
+        assert_eq!(app.cancel(id).await.expect("cancelled").state, JobState::Cancelling);
+    }
+    assert_eq!(size("reserve"), RESERVE_BYTES);
+}
+
+/// Results took the room that had been given up for a cancellation.
+#[tokio::test]
+async fn results_are_not_stored_while_no_room_is_kept_on_a_disk_below_its_floor() {
+    let (app, folder) = service_below_the_floor().await;
+    let id = running(&app).await;
+    keep_no_reserve(folder.path());
+    let stored = || app.0.store.files().list().expect("a list").len();
+    let before = stored();
+    let files = vec![Artifact { name: "coverage.bin".into(), bytes: b"a result".to_vec() }];
+    // Cancelled while they wait: else they would wait until there is room.
+    let state = app.store_artifacts(id, (files, None), &BTreeMap::new(), &AtomicBool::new(true)).await;
+    assert_eq!((state, stored()), (Some(JobState::Cancelled), before));
+}
+
 #[test]
 fn an_error_of_the_service_is_the_server_s_fault_unless_it_names_another() {
     let refused = FieldError { pointer: "/cell".to_owned(), detail: "is gone".to_owned() };
@@ -121,4 +159,46 @@ async fn what_a_cancelled_job_has_stored_already_is_taken_back() {
     let files = vec![Artifact { name: "coverage.bin".into(), bytes: b"a result".to_vec() }];
     let state = app.store_artifacts(id, (files, None), &BTreeMap::new(), &AtomicBool::new(false)).await;
     assert_eq!((state, stored()), (Some(JobState::Cancelled), before));
+}
+
+/// Sets the number of the latest event. After the greatest number there is, the database takes every further event as a full disk does.
+async fn set_latest_event(folder: &std::path::Path, number: i64) {
+    let database = format!("sqlite://{}", folder.join("vantage.db").display());
+    let mut other = SqliteConnection::connect(&database).await.expect("a connection");
+    let set = "UPDATE sqlite_sequence SET seq = ?1 WHERE name = 'event'";
+    let done = sqlx::query(set).bind(number).execute(&mut other).await.expect("set");
+    assert_eq!(done.rows_affected(), 1);
+    other.close().await.expect("closed");
+}
+
+async fn fault_of_space(app: &App) -> Option<String> {
+    let checks = app.readiness().await;
+    checks.into_iter().find(|(check, _)| check.name == ReadinessSubject::FreeSpace).expect("a check").1
+}
+
+/// The server did not start, so that nothing could be deleted.
+#[tokio::test]
+async fn a_service_starts_on_a_full_disk_and_recovers_its_jobs_once_there_is_room() {
+    let (app, folder) = service().await;
+    let id = running(&app).await;
+    assert_eq!(fault_of_space(&app).await, None);
+    // So that none is written while the service stops.
+    app.keep_reserve().await.expect("kept");
+    app.stop().await;
+    app.close().await;
+    drop(app);
+    set_latest_event(folder.path(), i64::MAX).await;
+    let planner = Arc::new(|_: &JobInput, _: &Context<'_>| Ok(Vec::new()));
+    let app = App::open_with(options(folder.path()), planner, None).await.expect("it starts");
+    let fault = fault_of_space(&app).await.expect("a fault");
+    assert!(fault.contains("has no room") && fault.contains("delete jobs"), "{fault}");
+    assert_eq!(app.job(id).await.expect("read").state, JobState::Running);
+    let refused = app.start_run(RunRequest::new(id), None, None).await;
+    assert!(matches!(&refused, Err(Error::Unrecovered(reason)) if *reason == fault), "{refused:?}");
+    let mut events = app.0.store.subscribe();
+    set_latest_event(folder.path(), 1000).await;
+    let ended = app.job_when_ended(id, Duration::from_secs(60)).await.expect("it");
+    assert_eq!((ended.state, fault_of_space(&app).await), (JobState::Failed, None), "its input cannot be read");
+    let mut told = std::iter::from_fn(|| events.try_recv().ok());
+    assert!(told.any(|event| event.job_id == id && event.kind == EventKind::Queued), "whoever listens hears of the recovery");
 }

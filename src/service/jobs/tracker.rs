@@ -1,13 +1,14 @@
 //! Progress and stage times of an attempt.
 
-use std::collections::BTreeMap;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use tokio::sync::mpsc;
 
 use super::super::app::App;
 use super::super::failpoint;
+use super::super::log_pace::LogPace;
 use super::super::progress::{Course, Overall};
 use crate::planning::context::{Observer, Stage};
 use crate::wire::JobId;
@@ -19,42 +20,62 @@ const PROGRESS_INTERVAL: Duration = Duration::from_millis(500);
 const TOLD_INTERVAL: Duration = Duration::from_secs(60);
 
 /// Progress of an attempt.
-pub(super) struct Update {
+struct Update {
     stage: Stage,
     fraction: f64,
     timings: BTreeMap<String, f64>,
 }
 
-/// Persists progress updates as they arrive.
-pub(super) async fn persist_progress(app: App, id: JobId, mut updates: mpsc::UnboundedReceiver<Update>) {
-    let mut unstored = Unstored::default();
-    while let Some(Update { stage, fraction, timings }) = updates.recv().await {
-        let timings = serde_json::to_string(&timings).unwrap_or_else(|_| "{}".to_owned());
-        if let Err(error) = app.0.store.record_progress(id, stage.as_str(), fraction, &timings).await {
-            let Some(updates) = unstored.count(Instant::now()) else { continue };
-            tracing::warn!(job = %id, updates, error = &error as &dyn std::error::Error, "progress cannot be persisted");
+/// Updates that wait to be persisted: of each stage the latest alone, in the order in which they came. However long a commit takes, they
+/// do not pile up, and the end of the job waits for at most one of each stage.
+#[derive(Clone, Default)]
+struct Pending(Arc<Mutex<VecDeque<Update>>>);
+
+impl Pending {
+    fn put(&self, update: Update) {
+        let mut updates = self.lock();
+        updates.retain(|earlier| earlier.stage != update.stage);
+        updates.push_back(update);
+    }
+
+    fn take_first(&self) -> Option<Update> {
+        self.lock().pop_front()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, VecDeque<Update>> {
+        // Whole after every operation, so a poisoned lock is usable.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Receiver of the updates of a [`Tracker`].
+pub(super) struct Updates {
+    pending: Pending,
+    /// Rung after an update; closed when the tracker is dropped.
+    bell: mpsc::Receiver<()>,
+}
+
+impl Updates {
+    /// The next update, once there is one; `None` after the last.
+    async fn next(&mut self) -> Option<Update> {
+        loop {
+            if let Some(update) = self.pending.take_first() {
+                return Some(update);
+            }
+            self.bell.recv().await?;
         }
     }
 }
 
-/// Updates of one attempt that could not be persisted.
-#[derive(Default)]
-struct Unstored {
-    /// Time at which the log was told of them last.
-    told: Option<Instant>,
-    /// Number of those since then.
-    untold: u64,
-}
-
-impl Unstored {
-    /// Counts one more. Where the log is to be told, returns the number of those that it was not told of.
-    fn count(&mut self, now: Instant) -> Option<u64> {
-        self.untold += 1;
-        if self.told.is_some_and(|told| now.saturating_duration_since(told) < TOLD_INTERVAL) {
-            return None;
+/// Persists progress updates as they arrive.
+pub(super) async fn persist_progress(app: App, id: JobId, mut updates: Updates) {
+    let mut pace = LogPace::every(TOLD_INTERVAL);
+    while let Some(Update { stage, fraction, timings }) = updates.next().await {
+        let timings = serde_json::to_string(&timings).unwrap_or_else(|_| "{}".to_owned());
+        if let Err(error) = app.0.store.record_progress(id, stage.as_str(), fraction, &timings).await {
+            let Some(updates) = pace.count(Instant::now()) else { continue };
+            tracing::warn!(job = %id, updates, error = &error as &dyn std::error::Error, "progress cannot be persisted");
         }
-        self.told = Some(now);
-        Some(std::mem::take(&mut self.untold))
     }
 }
 
@@ -85,26 +106,30 @@ impl AttemptTimes {
 
 /// The observer of one attempt.
 pub(super) struct Tracker {
-    updates: mpsc::UnboundedSender<Update>,
+    pending: Pending,
+    bell: mpsc::Sender<()>,
     pub(super) times: Arc<Mutex<AttemptTimes>>,
 }
 
 impl Tracker {
-    pub(super) fn new(updates: mpsc::UnboundedSender<Update>, course: &Course) -> Self {
+    /// An observer and the updates that it sends.
+    pub(super) fn new(course: &Course) -> (Self, Updates) {
         let (began, overall) = (Instant::now(), Overall::new(course));
         let times = AttemptTimes { began, seconds: BTreeMap::new(), now: None, overall, outer: None, sent: None };
-        Self { updates, times: Arc::new(Mutex::new(times)) }
+        let (pending, (ring, bell)) = (Pending::default(), mpsc::channel(1));
+        let updates = Updates { pending: pending.clone(), bell };
+        (Self { pending, bell: ring, times: Arc::new(Mutex::new(times)) }, updates)
     }
 
     fn send(&self, times: &mut AttemptTimes, stage: Stage) {
         times.sent = Some(Instant::now());
         let fraction = times.overall.fraction(times.began.elapsed().as_secs_f64());
-        let update = Update { stage, fraction, timings: times.seconds.clone() };
-        // The receiver is gone when the process stops.
-        let _ = self.updates.send(update);
+        self.pending.put(Update { stage, fraction, timings: times.seconds.clone() });
+        // The bell has rung already, or the receiver is gone as the process stops.
+        let _ = self.bell.try_send(());
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, AttemptTimes> {
+    fn lock(&self) -> MutexGuard<'_, AttemptTimes> {
         self.times.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -146,11 +171,20 @@ impl Observer for Tracker {
 mod tests {
     use super::*;
 
-    /// A full disk gave two lines a second of every job.
-    #[test]
-    fn the_log_is_told_of_progress_that_cannot_be_persisted_now_and_then() {
-        let (mut unstored, began) = (Unstored::default(), Instant::now());
-        let told = [0, 1, 59, 60, 61, 200].map(|secs| unstored.count(began + Duration::from_secs(secs)));
-        assert_eq!(told, [Some(1), None, None, Some(3), None, Some(2)]);
+    /// The end of a job waited until the database had taken every one of them.
+    #[tokio::test]
+    async fn of_the_updates_that_wait_each_stage_has_its_latest() {
+        let (tracker, mut updates) = Tracker::new(&Course::default());
+        for _ in 0..1000 {
+            tracker.begin(Stage::Candidates);
+            tracker.begin(Stage::Visibility);
+        }
+        tracker.begin(Stage::Selection);
+        drop(tracker);
+        let mut stages = Vec::new();
+        while let Some(update) = updates.next().await {
+            stages.push((update.stage, update.timings.len()));
+        }
+        assert_eq!(stages, [(Stage::Candidates, 2), (Stage::Visibility, 2), (Stage::Selection, 2)]);
     }
 }

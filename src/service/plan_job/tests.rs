@@ -45,7 +45,7 @@ fn told(dialect: Dialect, levels: &[u8], params: &DialectParams) -> (Result<Opti
     let (scene, programs) = (CollisionScene::without_part(&cell, 5.0), [program(&cell, levels)]);
     let checked = CheckedProgram::new(&programs[0], &cell, &scene, None, CheckedWith::CellAlone).expect("sound");
     let rendered = vec![in_dialect(Ok(&checked), dialect, "program", params)];
-    let cycle = own_cycle(dialect, &programs, &[Ok(checked)], &rendered);
+    let cycle = own_cycle((dialect, params), &programs, &[Ok(checked)], &rendered);
     let (mut files, mut refused) = (Files::new(), Refused::new());
     rendered.into_iter().flatten().for_each(|program| program.sort_into(&mut files, &mut refused));
     files.push((REFUSED_FILE.into(), json_file_bytes(&refused)));
@@ -84,7 +84,23 @@ fn a_program_that_is_written_has_its_cycle_and_the_work_before_its_first_run() {
     assert_eq!(cycle(Dialect::Robodk, &[5]).before_first_run, None);
     let work = cycle(Dialect::Robodk, &[5, 9]).before_first_run.expect("the levels");
     assert!(work.contains("(5 and 9)"), "{work}");
-    assert_eq!(own_cycle(Dialect::Hans, &[], &[], &[]), Ok(None), "no cell, or no view");
+    let none = DialectParams::default();
+    assert_eq!(own_cycle((Dialect::Hans, &none), &[], &[], &[]), Ok(None), "no cell, or no view");
+}
+
+/// Nothing said that a KUKA controller takes the files of a plan under the name of their module alone.
+#[test]
+fn a_program_whose_files_have_other_names_on_the_controller_says_under_which_to_copy_them() {
+    let params = DialectParams { program_name: "bracket".to_owned(), ..DialectParams::default() };
+    let (cycle, _) = told(Dialect::Krl, &[5, 9], &params);
+    let cycle = cycle.expect("written").expect("a program");
+    let text = cycle.before_first_run_text().expect("work");
+    let wanted = "copy program.src and program.dat to the controller as BRACKET.src and BRACKET.dat (vantage program writes";
+    assert!(text.contains(wanted) && text.contains("; and have the scanner's own software switch"), "{text}");
+    let stems = [0, 1].map(|setup| (setup, program_stem(setup)));
+    let two = Dialect::Krl.renaming_of(&params, &stems).expect("names");
+    assert!(two.contains(" as BRACKET.src, BRACKET.dat, BRACKET_2.src and BRACKET_2.dat ("), "{two}");
+    assert_eq!(Dialect::Rapid.renaming_of(&params, &stems), None, "it takes any name");
 }
 
 /// "as read in inch" was told of a part in inches.

@@ -70,6 +70,19 @@ pub(crate) struct ResultFile {
     pub encoding: FileEncoding,
 }
 
+impl ResultFile {
+    /// Description of a result that no file holds: that of a file with its bytes.
+    pub(crate) fn of_bytes(name: &str, bytes: &[u8]) -> Self {
+        let (sha256, size_bytes) = (hex(&Sha256::digest(bytes)), bytes.len() as u64);
+        Self {
+            result: StoredResult { name: name.to_owned(), sha256: sha256.clone(), size_bytes },
+            file_sha256: sha256,
+            file_bytes: size_bytes,
+            encoding: FileEncoding::Identity,
+        }
+    }
+}
+
 /// Names by which people know the part of a job.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PartNames {
@@ -101,12 +114,17 @@ struct Packed {
 
 impl Store {
     /// Stores result files; the caller adds the rows. Where one of them cannot be stored, none is left: on a full disk they would take
-    /// the room that others need.
-    pub(crate) async fn put_artifacts(&self, artifacts: Arc<Vec<Artifact>>) -> Result<StoredArtifacts, Error> {
+    /// the room that others need. `check_room` is asked first whether there is room for the bytes of those that are not in the store.
+    pub(crate) async fn put_artifacts_if(
+        &self,
+        artifacts: Arc<Vec<Artifact>>,
+        check_room: impl FnOnce(u64) -> Result<(), Error> + Send + 'static,
+    ) -> Result<StoredArtifacts, Error> {
         let packed = blocking(move || artifacts.iter().map(pack).collect::<Result<Vec<_>, Error>>()).await?;
         let pin = self.pinned.pin(packed.iter().map(|packed| packed.sha256.clone()).collect()).await;
         let files = self.files.clone();
         let (stored, written) = blocking(move || {
+            check_room(new_bytes(&files, &packed))?;
             let mut written = Vec::new();
             let stored = packed.into_iter().map(|packed| store_one(&files, packed, &mut written));
             let stored = stored.collect::<Result<Vec<_>, Error>>();
@@ -193,7 +211,7 @@ impl Store {
         Ok(if is_program { "; it was planned without a cell and holds viewpoints alone: plan the part in a cell" } else { "" })
     }
 
-    /// True if the job asks for the list of every candidate.
+    /// Returns true if the job asks for the list of every candidate.
     async fn is_listing_asked_for(&self, id: JobId) -> Result<bool, Error> {
         let query = "SELECT EXISTS (SELECT 1 FROM job_body WHERE job_id = ?1
             AND CASE WHEN json_valid(request) THEN json_extract(request, '$.params.output.candidates') END)";
@@ -316,6 +334,14 @@ pub(super) async fn insert(tx: &mut SqliteConnection, id: JobId, files: &[Result
         .await?;
     }
     Ok(())
+}
+
+/// Number of bytes that files of results add to the store.
+fn new_bytes(files: &Files, packed: &[Packed]) -> u64 {
+    let mut new: Vec<&Packed> = packed.iter().filter(|packed| !files.path(&packed.sha256).exists()).collect();
+    new.sort_by(|a, b| a.sha256.cmp(&b.sha256));
+    new.dedup_by(|a, b| a.sha256 == b.sha256);
+    new.iter().map(|packed| packed.bytes.len() as u64).sum()
 }
 
 /// Stores the file of a result; notes its hash in `written` where there was none.

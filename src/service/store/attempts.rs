@@ -17,7 +17,7 @@ use super::artifacts::{self, ResultFile};
 use super::events::{self, EventBody};
 use super::job_rows::{fetch, fraction_of, read_state, state_of, unreadable};
 use super::stored::{read_leniently, text};
-use super::{Store, now, parsed, summaries};
+use super::{Store, now, now_since, parsed, summaries};
 use crate::service::error::Error;
 use crate::service::failpoint;
 use crate::wire::summary::Summary;
@@ -71,8 +71,8 @@ impl Store {
         let mut tx = self.writer.begin().await?;
         let row = sqlx::query(concat!(
             "UPDATE job SET state = 'running', attempts = attempts + 1, stage = NULL, fraction = 0, timings = '{}', started_at = ",
-            now!(),
-            "WHERE id = ?1 AND state = 'queued' RETURNING attempts"
+            now_since!("created_at"),
+            " WHERE id = ?1 AND state = 'queued' RETURNING attempts"
         ))
         .bind(id)
         .fetch_optional(&mut *tx)
@@ -199,6 +199,7 @@ impl Store {
         let rows = sqlx::query("SELECT id, state, attempts FROM job WHERE state IN ('running', 'cancelling') ORDER BY id")
             .fetch_all(&mut *tx)
             .await?;
+        let mut events = Vec::new();
         for row in &rows {
             let text: String = row.try_get("id")?;
             let Ok(id) = text.parse::<JobId>() else {
@@ -214,9 +215,11 @@ impl Store {
             } else {
                 (EventKind::Queued, JobState::Queued, None)
             };
-            end(&mut tx, id, kind, after, problem).await?;
+            events.push(end(&mut tx, id, kind, after, problem).await?);
         }
-        tx.commit().await?;
+        // On a full disk, the service is there already, and clients listen.
+        let _in_order = tx.commit_and_keep_lock().await?;
+        events.into_iter().for_each(|event| self.publish(event));
         Ok(rows.len())
     }
 }
@@ -284,7 +287,7 @@ async fn end_with(tx: &mut SqliteConnection, id: JobId, ending: &Ending<'_>) -> 
         "UPDATE job SET state = ?2, problem = ?3, stage = NULL,
             fraction = CASE ?2 WHEN 'succeeded' THEN 1.0 WHEN 'queued' THEN 0.0 ELSE fraction END,
             ended_at = CASE WHEN ?2 = 'queued' THEN NULL ELSE ",
-        now!(),
+        now_since!("coalesce(max(created_at, started_at), created_at)"),
         " END WHERE id = ?1 RETURNING fraction"
     ))
     .bind(id.to_string())

@@ -7,7 +7,7 @@ use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 use super::idempotency::IdempotencyKey;
 use super::pages::entry;
 use super::stored::{VERSION, read_leniently};
-use super::{Page, Store, now};
+use super::{Page, Store, end_time, now};
 use crate::cell::CellSpec;
 use crate::service::error::{Error, InternalError};
 use crate::wire::CalibrationId;
@@ -81,7 +81,7 @@ impl Store {
         }
         change(&mut job);
         if job.state.is_ended() {
-            job.ended_at = Some(sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?);
+            job.ended_at = Some(end_time(&mut tx, &job.created_at).await?);
         }
         sqlx::query("UPDATE calibration SET state = ?2, body = ?3, result = ?4, ended_at = ?5 WHERE id = ?1")
             .bind(id.to_string())

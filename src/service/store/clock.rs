@@ -21,7 +21,7 @@ impl Clock {
         Self { wall: SystemTime::now(), uptime: uptime(), started: Instant::now(), is_told: AtomicBool::new(false) }
     }
 
-    /// True while the wall clock has advanced as far as the other one since the start. A change is logged once.
+    /// Returns true while the wall clock has advanced as far as the other one since the start. A change is logged once.
     pub(super) fn is_steady(&self) -> bool {
         let is_steady = self.jump().is_some_and(|jump| jump <= TOLERANCE);
         if self.is_told.swap(!is_steady, Ordering::Relaxed) == is_steady {

@@ -100,7 +100,7 @@ impl Store {
             .unwrap_or(0))
     }
 
-    /// True if events after number `after` have been pruned, so that a subscriber who saw `after` last has missed some.
+    /// Returns true if events after number `after` have been pruned, so that a subscriber who saw `after` last has missed some.
     pub(crate) async fn is_pruned_after(&self, after: i64) -> Result<bool, Error> {
         let pruned_through: Option<i64> =
             sqlx::query_scalar("SELECT pruned_through FROM event_retention").fetch_optional(&self.reader).await?;

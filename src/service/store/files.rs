@@ -32,6 +32,8 @@ const NAME_DIGITS: usize = 64;
 const FOLDER_DIGITS: usize = 2;
 /// Bytes read at a time.
 const PIECE_BYTES: usize = 256 * 1024;
+/// Size of a file that is written to find out whether there is room: a few pages of the database.
+const PROBED_BYTES: usize = 32 * 1024;
 
 /// Folders of the content-addressed, the unfinished and the swept files, on one file system.
 #[derive(Clone, Debug)]
@@ -245,7 +247,7 @@ impl Files {
         ignore_absent(File::open(swept).and_then(|file| file.set_modified(SystemTime::now())))
     }
 
-    /// Lists the files of the store. What does not have the name of one, as file managers leave it, is none.
+    /// Lists the files of the store. Files without such a name, which file managers leave there, are left out.
     pub(crate) fn list(&self) -> io::Result<Vec<StoredFile>> {
         let mut found = Vec::new();
         for folder in self.folders()? {
@@ -256,7 +258,7 @@ impl Files {
         Ok(found)
     }
 
-    /// True if no folder has anything in it, whatever its name.
+    /// Returns true if no folder has anything in it, whatever its name.
     pub(crate) fn is_empty(&self) -> io::Result<bool> {
         for folder in self.folders()? {
             if fs::read_dir(folder)?.next().is_some() {
@@ -293,8 +295,17 @@ impl Files {
 
     /// Checks that a file can be written and synced.
     pub(crate) fn probe(&self) -> io::Result<()> {
+        self.try_to_write(b"probe")
+    }
+
+    /// Checks that there is room for a file of the size of what the database writes at a time.
+    pub(crate) fn probe_room(&self) -> io::Result<()> {
+        self.try_to_write(&[b'x'; PROBED_BYTES])
+    }
+
+    fn try_to_write(&self, bytes: &[u8]) -> io::Result<()> {
         let mut file = self.begin()?;
-        file.as_file_mut().write_all(b"probe")?;
+        file.as_file_mut().write_all(bytes)?;
         file.as_file().sync_all()
     }
 }
@@ -337,7 +348,7 @@ pub(super) fn private_file() -> OpenOptions {
     options
 }
 
-/// True for so many digits of a hash, lower-case hexadecimal.
+/// Returns true for so many digits of a hash, lower-case hexadecimal.
 fn is_hex(name: &str, length: usize) -> bool {
     name.len() == length && name.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
 }

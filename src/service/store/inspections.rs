@@ -10,7 +10,7 @@ use super::idempotency::IdempotencyKey;
 use super::jobs::check_hold_of;
 use super::pages::{Page, entry};
 use super::stored::{VERSION, read_leniently};
-use super::{Store, now};
+use super::{Store, end_time, now};
 use crate::service::error::{Error, InternalError};
 use crate::service::rescan_job::RESCAN_STATE_FILE;
 use crate::wire::inspection::{InspectionJob, InspectionPage, InspectionSelection, Scan};
@@ -85,7 +85,7 @@ impl Store {
         }
         change(&mut job);
         if job.state.is_ended() {
-            job.ended_at = Some(sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?);
+            job.ended_at = Some(end_time(&mut tx, &job.created_at).await?);
         }
         for file in files.iter().flat_map(|stored| &stored.files) {
             insert_file(&mut tx, id, file).await?;

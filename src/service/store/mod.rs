@@ -39,7 +39,7 @@ use std::sync::atomic::AtomicU64;
 
 use sqlx::migrate::{MigrateError, Migration, MigrationType, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{Connection, SqlSafeStr, SqliteConnection, SqlitePool};
+use sqlx::{Connection, QueryBuilder, Row, SqlSafeStr, Sqlite, SqliteConnection, SqlitePool};
 use tokio::sync::broadcast;
 
 pub use artifacts::PartNames;
@@ -60,8 +60,8 @@ pub use specs::Precondition;
 pub(crate) use specs::{PutResult, StoredSpec};
 pub(crate) use stored::read_leniently;
 
-use super::error::{Error, InternalError, is_full_database, is_full_io};
-use crate::wire::JobEvent;
+use super::error::{Error, InternalError, is_full_database, is_full_io, may_be_over_quota};
+use crate::wire::{JobEvent, continue_after};
 
 /// SQL expression of the current time as text. Every time in the store is written with it.
 macro_rules! now {
@@ -71,8 +71,19 @@ macro_rules! now {
 }
 pub(crate) use now;
 
+/// SQL expression of the current time as text, or of the time that an expression has where the clock was set back since: nothing ends
+/// before it begins. What is no time is passed over.
+macro_rules! now_since {
+    ($since:literal) => {
+        concat!("max(", now!(), ", CASE WHEN ", $since, " < '3' THEN ", $since, " ELSE '' END)")
+    };
+}
+pub(crate) use now_since;
+
 /// Events that a listener may fall behind before it has to read them from the database.
 const FEED_LENGTH: usize = 1024;
+/// Latest ids of a table that are looked at for one that can be read.
+const MAX_LATEST: u32 = 16;
 /// Max connections that read.
 const MAX_READERS: u32 = 4;
 /// File name of the database in a store's folder.
@@ -140,7 +151,10 @@ pub enum OpenError {
         findings: String,
     },
     /// The disk has no room even for opening the store.
-    #[error("the disk of {path} is full, and the store cannot be opened; free space on it")]
+    #[error(
+        "the disk of {path} is full, and the store cannot be opened; remove other files on that disk, or files in {path}/swept, to \
+         which no record of the store refers, until 16 MiB are free, and start the server again: it can cancel and delete jobs then"
+    )]
     DiskFull {
         /// The folder.
         path: String,
@@ -219,6 +233,7 @@ impl Store {
             if is_newer { OpenError::Newer { path: data.display().to_string() } } else { error.into() }
         })?;
         identity::check_id(data, &files, &mut writer).await?;
+        continue_ids(&mut writer).await?;
         let files = Files::open(data).map_err(folder)?;
         let reader = SqlitePoolOptions::new().max_connections(MAX_READERS).connect_with(options.clone()).await?;
         Ok(Self {
@@ -238,6 +253,11 @@ impl Store {
     pub(crate) async fn close(&self) -> Result<(), Error> {
         self.reader.close().await;
         self.writer.close().await
+    }
+
+    /// Moves the write-ahead log into the database file and empties it, where the disk has room for that: what it took is free then.
+    pub(crate) async fn checkpoint(&self) -> Result<(), Error> {
+        self.writer.checkpoint().await
     }
 
     /// The content-addressed files.
@@ -269,22 +289,24 @@ where
 {
     let full = |source| OpenError::DiskFull { path: data.display().to_string(), source: Box::new(source) };
     match open().await {
-        Err(error) if is_disk_full(&error) => {
+        Err(error) if is_out_of_room(&error, data) => {
             if std::fs::remove_file(data.join(RESERVE)).is_err() {
                 return Err(full(error));
             }
             tracing::warn!("the disk is full; the room that was kept for cancelling and deleting is given up to open the store");
-            open().await.map_err(|error| if is_disk_full(&error) { full(error) } else { error })
+            open().await.map_err(|error| if is_out_of_room(&error, data) { full(error) } else { error })
         }
         opened => opened,
     }
 }
 
-/// True if a full disk or quota is among the causes.
-fn is_disk_full(error: &OpenError) -> bool {
+/// Returns true if a full disk or quota is among the causes. Where the database may hide that, a file is written beside it.
+fn is_out_of_room(error: &OpenError, data: &Path) -> bool {
     let mut causes = std::iter::successors(Some(error as &(dyn std::error::Error + 'static)), |error| error.source());
+    let is_over_quota = || Files::at(data).probe_room().is_err_and(|error| is_full_io(&error));
     causes.any(|cause| {
-        cause.downcast_ref::<sqlx::Error>().is_some_and(is_full_database)
+        let is_of_database = |error: &sqlx::Error| is_full_database(error) || (may_be_over_quota(error) && is_over_quota());
+        cause.downcast_ref::<sqlx::Error>().is_some_and(is_of_database)
             || cause.downcast_ref::<io::Error>().is_some_and(is_full_io)
     })
 }
@@ -318,6 +340,26 @@ fn connect_options(database: &Path) -> SqliteConnectOptions {
         .synchronous(SqliteSynchronous::Full)
         // Large sorts would go to the folder for temporary files, which may be read-only or small.
         .pragma("temp_store", "MEMORY")
+}
+
+/// Makes new ids follow those that the store has, in whose order it lists and starts: the clock may have been set back meanwhile.
+async fn continue_ids(database: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+    for table in ["mesh", "job", "run", "calibration", "scan", "inspection"] {
+        let latest = format!("SELECT CAST(id AS BLOB) FROM {table} ORDER BY id DESC LIMIT {MAX_LATEST}");
+        let rows = QueryBuilder::<Sqlite>::new(latest).build().fetch_all(&mut *database).await?;
+        for row in &rows {
+            // What is no id is in no order.
+            if let Ok(id) = String::from_utf8(row.try_get(0)?) {
+                continue_after(&id);
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Time of an end: now, or that of the beginning where the clock was set back since.
+async fn end_time(tx: &mut SqliteConnection, began: &str) -> Result<String, Error> {
+    Ok(sqlx::query_scalar(concat!("SELECT ", now_since!("?1"))).bind(began).fetch_one(tx).await?)
 }
 
 /// Opens the database after SQLite's quick check.

@@ -57,7 +57,7 @@ impl Place {
     }
 }
 
-/// Beginning of a token whose row has an id that is none; the page behind it is read all the same.
+/// Beginning of a token whose row has an invalid id; the page behind it is read all the same.
 const UNREADABLE: char = 'x';
 /// Text above every id.
 const ABOVE_ALL_IDS: &str = "~";

@@ -8,10 +8,11 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{QueryBuilder, Row, Sqlite, SqliteConnection};
 
 use super::idempotency::IdempotencyKey;
+use super::job_rows;
 use super::jobs::{check_hold, check_idle};
 use super::pages::entry;
 use super::stored::{VERSION, read_leniently};
-use super::{Page, Store, now};
+use super::{Page, Store, end_time, now};
 use crate::service::error::{Error, InternalError, MissingRun, RunDeletion};
 use crate::wire::run::{
     LeaseDocument, ReportedReason, ReportedState, Run, RunAudit, RunCoverage, RunEventDocument, RunEventKind, RunPage,
@@ -42,7 +43,8 @@ pub(crate) struct RunEventBatch {
 }
 
 impl Store {
-    /// Inserts a run with its first event and its idempotency key, unless so many have not ended; `created_at` becomes the store's time.
+    /// Inserts a run with its first event and its idempotency key, unless so many have not ended or its job was deleted; `created_at`
+    /// becomes the store's time.
     pub(crate) async fn insert_run(
         &self,
         run: &Run,
@@ -53,6 +55,10 @@ impl Store {
         let open: i64 = sqlx::query_scalar(concat!("SELECT count(*) FROM run WHERE ", not_ended!())).fetch_one(&mut *tx).await?;
         if open.unsigned_abs() >= max_open as u64 {
             return Err(Error::TooManyRuns { open: open.unsigned_abs() });
+        }
+        if let Some(job) = run.job_id {
+            // It may have been deleted since its program was read; from here on the run keeps it.
+            job_rows::state_of(&mut tx, job).await?;
         }
         let mut run = run.clone();
         run.created_at = sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?;
@@ -87,7 +93,7 @@ impl Store {
             return Ok(None);
         }
         if run.state.is_ended() {
-            run.ended_at = Some(sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?);
+            run.ended_at = Some(end_time(&mut tx, &run.created_at).await?);
         }
         write(&mut tx, run).await?;
         for (number, step) in steps.iter().enumerate() {
@@ -120,7 +126,7 @@ impl Store {
         tx.commit().await
     }
 
-    /// True if a program was completed live in a cell before.
+    /// Returns true if a program was completed live in a cell before.
     pub(crate) async fn was_completed(&self, program_sha256: &str, cell_sha256: &str) -> Result<bool, Error> {
         let query = "SELECT EXISTS (SELECT 1 FROM run_completed WHERE program_sha256 = ?1 AND cell_sha256 = ?2)";
         Ok(sqlx::query_scalar(query).bind(program_sha256).bind(cell_sha256).fetch_one(&self.reader).await?)
@@ -215,8 +221,13 @@ impl Store {
     }
 
     /// Stops the runs that an earlier process left open: none is ever resumed by itself. Each is linked with the end of its audit log,
-    /// of `logs`. Returns their number.
-    pub(crate) async fn stop_open_runs(&self, detail: &str, logs: &BTreeMap<RunId, RunAudit>) -> Result<usize, Error> {
+    /// of `logs`. Returns their events.
+    pub(crate) async fn stop_open_runs(
+        &self,
+        detail: &str,
+        logs: &BTreeMap<RunId, RunAudit>,
+    ) -> Result<Vec<Arc<RunEventDocument>>, Error> {
+        let mut events = Vec::new();
         let mut tx = self.writer.begin().await?;
         let rows = sqlx::query(concat!("SELECT id, body FROM run WHERE ", not_ended!())).fetch_all(&mut *tx).await?;
         for row in &rows {
@@ -232,12 +243,12 @@ impl Store {
             run.audit = run.audit.take().or_else(|| logs.get(&run.id).cloned());
             // Earlier releases counted the scans at the end alone.
             run.scans = count_scans(&mut tx, run.id).await?;
-            run.ended_at = Some(sqlx::query_scalar(concat!("SELECT ", now!())).fetch_one(&mut *tx).await?);
+            run.ended_at = Some(end_time(&mut tx, &run.created_at).await?);
             write(&mut tx, &run).await?;
-            append(&mut tx, &run, RunEventKind::State).await?;
+            events.push(append(&mut tx, &run, RunEventKind::State).await?);
         }
         tx.commit().await?;
-        Ok(rows.len())
+        Ok(events)
     }
 
     /// Events of a run after number `after`.
@@ -261,7 +272,7 @@ impl Store {
             .unwrap_or(0))
     }
 
-    /// True if events of runs after number `after` have been pruned, so that a subscriber who saw `after` last may have missed
+    /// Returns true if events of runs after number `after` have been pruned, so that a subscriber who saw `after` last may have missed
     /// some.
     pub(crate) async fn is_run_event_pruned_after(&self, after: i64) -> Result<bool, Error> {
         let through: i64 = sqlx::query_scalar("SELECT pruned_through FROM run_event_retention").fetch_one(&self.reader).await?;

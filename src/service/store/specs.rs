@@ -33,7 +33,7 @@ pub enum Precondition {
 }
 
 impl Precondition {
-    /// True if the precondition holds for the current entity tag `now`.
+    /// Returns true if the precondition holds for the current entity tag `now`.
     fn holds(&self, now: Option<&str>) -> bool {
         match (self, now) {
             (Self::None, _) | (Self::Absent, None) => true,

@@ -88,7 +88,7 @@ impl Store {
         Ok(referenced.into_iter().collect())
     }
 
-    /// True if a row refers to the file.
+    /// Returns true if a row refers to the file.
     pub(super) async fn is_referenced(&self, sha256: &str) -> Result<bool, Error> {
         let is_referenced = sqlx::query_scalar("SELECT EXISTS (SELECT 1 FROM file_reference WHERE sha256 = ?1)")
             .bind(sha256)

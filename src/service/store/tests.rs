@@ -16,7 +16,9 @@ use crate::planning::params::{PlanParams, Preset};
 use crate::service::planner::Artifact;
 use crate::service::rescan_job::RESCAN_STATE_FILE;
 use crate::service::store::specs::Precondition;
+use crate::service::tests::no_steps;
 use crate::wire::inspection::InspectionJob;
+use crate::wire::run::{ReportedState, Run, RunEventKind, RunRequest};
 use crate::wire::{
     EventKind, InspectionId, Job, JobFile, JobId, JobProblem, JobRequest, JobState, MeshHealthReport, MeshId, SpecCollection,
     UploadedMesh, hex,
@@ -98,6 +100,19 @@ impl Store {
         let damaged = QueryBuilder::<Sqlite>::new(damage).build().execute(&mut *tx).await.expect("damaged");
         assert_eq!(damaged.rows_affected(), 1);
         tx.commit().await.expect("committed");
+    }
+
+    /// Deletes a mesh in a transaction that is committed after `meanwhile`: until then all read the mesh, and nobody writes.
+    pub(in crate::service) async fn delete_mesh_after(&self, mesh: MeshId, meanwhile: impl Future<Output = ()>) {
+        let mut tx = self.writer.begin().await.expect("a transaction");
+        sqlx::query("DELETE FROM mesh WHERE id = ?1").bind(mesh.to_string()).execute(&mut *tx).await.expect("deleted");
+        meanwhile.await;
+        tx.commit().await.expect("committed");
+    }
+
+    /// Stores result files whatever room there is.
+    pub(in crate::service) async fn put_artifacts(&self, artifacts: Arc<Vec<Artifact>>) -> Result<StoredArtifacts, Error> {
+        self.put_artifacts_if(artifacts, |_| Ok(())).await
     }
 
     /// Inserts a job of its own.
@@ -574,6 +589,28 @@ async fn of_results_that_cannot_all_be_stored_none_is_left() {
     assert_eq!(stored_files(&opened), 1, "what was there before stays");
 }
 
+/// Files for which there was no room filled the disk again and again.
+#[tokio::test]
+async fn results_are_stored_if_there_is_room_for_the_files_that_are_new() {
+    let opened = open().await;
+    let store = &opened.store;
+    add_mesh(store, b"one").await;
+    let artifacts = [b"one".to_vec(), b"first".to_vec(), b"first".to_vec(), vec![b' '; 1 << 16]];
+    let artifacts = Arc::new(artifacts.map(|bytes| Artifact { name: "coverage.bin".into(), bytes }).to_vec());
+    let (sender, asked) = std::sync::mpsc::channel();
+    let no_room = move |new_bytes: u64| {
+        sender.send(new_bytes).expect("a number");
+        Err(Error::StorageFull)
+    };
+    let refused = store.put_artifacts_if(Arc::clone(&artifacts), no_room).await;
+    assert!(matches!(refused, Err(Error::StorageFull)), "{refused:?}");
+    assert_eq!(stored_files(&opened), 1, "nothing is written");
+    let stored = store.put_artifacts(artifacts).await.expect("there is room");
+    let spaces = &stored.files[3];
+    assert_eq!(spaces.encoding, FileEncoding::Gzip);
+    assert_eq!(asked.recv().expect("a number"), 5 + spaces.file_bytes, "each new file once, as it is stored");
+}
+
 /// The file was listed with its hash and size, and no route gave it.
 #[tokio::test]
 async fn the_file_that_further_views_are_planned_from_is_stored_and_not_listed() {
@@ -606,4 +643,61 @@ async fn the_file_that_further_views_are_planned_from_is_stored_and_not_listed()
     assert_eq!(names, ["inspection.json"]);
     assert_eq!(store.inspection(id).await.expect("it"), ended);
     store.inspection_file(id, RESCAN_STATE_FILE).await.expect("what further views need");
+}
+
+/// The run went on without its job.
+#[tokio::test]
+async fn no_run_begins_of_a_job_that_was_deleted_since_its_program_was_read() {
+    let opened = open().await;
+    let store = &opened.store;
+    let id = submit(store, add_mesh(store, b"one").await.id).await;
+    store.claim_next().await.expect("the queue").expect("a job");
+    succeed(store, id, vec![("plan.json", b"{}".to_vec())]).await;
+    let run = |state| Run { state, ..Run::new(&RunRequest::new(id), Some(id), "cell", &no_steps(), "") };
+    store.insert_run(&run(ReportedState::Done), None, 8).await.expect("its job is there");
+    store.delete_job(id, "hold", None).await.expect("idle");
+    let refused = store.insert_run(&run(ReportedState::Preparing), None, 8).await;
+    assert!(matches!(refused, Err(Error::JobNotFound(gone)) if gone == id));
+    assert_eq!(store.open_run_ids().await.expect("a list"), []);
+}
+
+/// The clock was set back between two processes: what came last went before what had waited, in the queue and in lists.
+#[tokio::test]
+async fn new_ids_follow_those_of_the_store_whatever_the_clock_said_then() {
+    let opened = open().await;
+    let mesh = add_mesh(&opened.store, b"one").await.id;
+    let id = JobId::generate().to_string();
+    let millis = u64::from_str_radix(&[&id[..8], &id[9..13]].concat(), 16).expect("digits") + 3_600_000;
+    let digits = format!("{millis:012x}");
+    let ahead = format!("{}-{}{}", &digits[..8], &digits[8..], &id[13..]);
+    for id in [ahead.as_str(), "zz is none"] {
+        sqlx::query("INSERT INTO job (id, state, mesh_id, labels, priority) VALUES (?1, 'queued', ?2, '{}', 0)")
+            .bind(id)
+            .bind(mesh.to_string())
+            .execute(&opened.store.reader)
+            .await
+            .expect("a row");
+    }
+    let opened = opened.reopen().await;
+    let after = [submit(&opened.store, mesh).await, submit(&opened.store, mesh).await].map(|id| id.to_string());
+    let queue = opened.store.queue(9).await.expect("ids");
+    assert_eq!(queue, [ahead.as_str(), &after[0], &after[1], "zz is none"]);
+}
+
+#[tokio::test]
+async fn nothing_ends_before_it_began_though_the_clock_was_set_back() {
+    let opened = open().await;
+    let store = &opened.store;
+    let began = "2999-01-01T00:00:00.000Z".to_owned();
+    let id = submit(store, add_mesh(store, b"one").await.id).await;
+    sqlx::query("UPDATE job SET created_at = ?1").bind(&began).execute(&store.reader).await.expect("a row");
+    store.claim_next().await.expect("the queue").expect("a job");
+    store.end_attempt(id, &AttemptOutcome::Cancelled, "{}").await.expect("an end");
+    let job = store.job(id).await.expect("it");
+    assert_eq!((job.started_at, job.ended_at), (Some(began.clone()), Some(began.clone())));
+    let run = Run::new(&RunRequest::new(id), None, "cell", &no_steps(), "");
+    let (run, _) = store.insert_run(&run, None, 8).await.expect("stored");
+    let mut run = Run { created_at: began.clone(), state: ReportedState::Stopped, ..run };
+    store.update_run(&mut run, RunEventKind::State, (0, &[])).await.expect("an end");
+    assert_eq!(store.run(run.id).await.expect("it").ended_at, Some(began));
 }

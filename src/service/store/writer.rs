@@ -32,24 +32,39 @@ impl Writer {
     /// Begins a transaction, once the previous one has ended.
     pub(super) async fn begin(&self) -> Result<Transaction<'_>, Error> {
         let mut guard = self.connection.lock().await;
-        let mut connection = match guard.take() {
-            Some(connection) => connection,
-            None => self.options.connect().await?,
-        };
+        let mut connection = self.taken(&mut guard).await?;
         sqlx::query("BEGIN IMMEDIATE").execute(&mut connection).await?;
         Ok(Transaction { connection, guard })
+    }
+
+    /// Moves everything from the write-ahead log into the database file, and empties it, unless somebody still reads from it.
+    pub(super) async fn checkpoint(&self) -> Result<(), Error> {
+        let mut guard = self.connection.lock().await;
+        let mut connection = self.taken(&mut guard).await?;
+        truncate_log(&mut connection).await?;
+        *guard = Some(connection);
+        Ok(())
     }
 
     /// Moves everything from the write-ahead log into the database file and closes the connection.
     pub(super) async fn close(&self) -> Result<(), Error> {
         let mut guard = self.connection.lock().await;
-        let mut connection = match guard.take() {
-            Some(connection) => connection,
-            None => self.options.connect().await?,
-        };
-        sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(&mut connection).await?;
+        let mut connection = self.taken(&mut guard).await?;
+        truncate_log(&mut connection).await?;
         Ok(connection.close().await?)
     }
+
+    /// The connection, or a new one.
+    async fn taken(&self, kept: &mut Option<SqliteConnection>) -> Result<SqliteConnection, sqlx::Error> {
+        match kept.take() {
+            Some(connection) => Ok(connection),
+            None => self.options.connect().await,
+        }
+    }
+}
+
+async fn truncate_log(connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+    sqlx::query("PRAGMA wal_checkpoint(TRUNCATE)").execute(connection).await.map(drop)
 }
 
 impl<'a> Transaction<'a> {

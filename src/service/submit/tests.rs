@@ -159,3 +159,28 @@ fn a_group_is_not_refused_where_the_names_are_not_known() {
     assert_eq!(told(Some(Vec::new()), true), ["is \"rim\"; the file has no named groups"]);
     assert_eq!(told(Some(vec!["rim".to_owned()]), true), [""; 0]);
 }
+
+/// The answer was 404, as if the path had named the mesh.
+#[tokio::test]
+async fn a_mesh_that_is_deleted_while_its_job_is_accepted_is_an_invalid_field() {
+    let (app, _folder) = service().await;
+    let mesh = ended_job(&app).await.mesh_id;
+    let job = JobRequest { cell: Named::Name("none".to_owned()), ..JobRequest::new(mesh) };
+    let alone = async { app.submit(job.clone(), Submission::default()).await.map(drop) };
+    let beside = JobBatchRequest { jobs: vec![job.clone(), job.clone()] };
+    let in_batch = async { app.submit_batch(beside, Submission::default()).await.map(drop) };
+    tokio::pin!(alone, in_batch);
+    let both = async {
+        // Long enough to be checked; and however long that takes, what is told is the same.
+        let limit = Duration::from_millis(300);
+        let (one, two) =
+            tokio::join!(tokio::time::timeout(limit, alone.as_mut()), tokio::time::timeout(limit, in_batch.as_mut()));
+        assert!(one.is_err() && two.is_err(), "they wait for the store");
+    };
+    app.0.store.delete_mesh_after(mesh, both).await;
+    for (refused, pointers) in [(alone.await, vec!["/mesh_id"]), (in_batch.await, vec!["/jobs/0/mesh_id", "/jobs/1/mesh_id"])] {
+        let Err(Error::Invalid(errors)) = refused else { panic!("{refused:?}") };
+        assert_eq!(errors.iter().map(|error| error.pointer.as_str()).collect::<Vec<_>>(), pointers);
+        assert!(errors.iter().all(|error| error.detail == NO_MESH), "{errors:?}");
+    }
+}

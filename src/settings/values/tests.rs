@@ -34,7 +34,7 @@ fn load_variables(variables: &[(String, String)]) -> Result<Settings, SettingsEr
 fn wrong_in_file(kind: Kind) -> &'static [&'static str] {
     match kind {
         Kind::Switch => &["1", "0", "\"true\"", "1.0", "\"yes\"", "[true]"],
-        Kind::Whole(_) => &[
+        Kind::Integer(_) => &[
             "true",
             "1.5",
             "1.0",
@@ -58,7 +58,7 @@ fn wrong_in_file(kind: Kind) -> &'static [&'static str] {
 fn wrong_in_environment(kind: Kind) -> &'static [&'static str] {
     match kind {
         Kind::Switch => &["1", "0", "yes", "on", "TRUE", "", " true"],
-        Kind::Whole(_) => {
+        Kind::Integer(_) => {
             &["true", "1.5", "1.0", "-1", "+1", "", " 1", "1_000", "0x10", "1e3", "4GiB", "7 days", "99999999999999999999"]
         }
         Kind::Number(_) => &["true", "yes", "", "inf", "NaN", "1e999", "5 s", "5s", "-1", "1,5"],
@@ -117,6 +117,7 @@ fn a_value_of_another_kind_in_the_environment_is_refused_with_its_variable() {
             let is_told = value == "-1" || line.contains(&format!("is {value:?}; "));
             assert!(line.starts_with(&format!("{key} ({} in the environment): is ", variable(key))) && is_told, "{line}");
             assert!(line.contains("allowed is "), "{line}");
+            assert_eq!(line.ends_with("; use a point as decimal separator"), value == "1,5", "{line}");
         }
     }
 }
