@@ -12,10 +12,12 @@ const at = process.argv.indexOf("--out");
 const out = at > 0 ? process.argv[at + 1] : join(root, "dist");
 const LIMIT_KB = 300;
 
-// Shaders of materials that the page does not use: physical, Phong, toon, matcap and normal ones, shadows, environment maps.
+// Shaders of materials that the page does not use: physical, Phong, toon, matcap and normal ones, shadows, environment maps; and of maps,
+// hashed transparency and light probes, which its materials do not have.
 const UNUSED_CHUNKS = ["lights_physical_pars_fragment", "lights_physical_fragment", "lights_phong_pars_fragment", "lights_toon_pars_fragment",
   "transmission_pars_fragment", "transmission_fragment", "iridescence_fragment", "envmap_physical_pars_fragment", "shadowmap_pars_fragment",
-  "shadowmap_vertex", "shadowmap_pars_vertex", "shadowmask_pars_fragment"];
+  "shadowmap_vertex", "shadowmap_pars_vertex", "shadowmask_pars_fragment", "gradientmap_pars_fragment", "bumpmap_pars_fragment", "normalmap_pars_fragment",
+  "alphahash_pars_fragment", "lightprobes_pars_fragment"];
 const UNUSED_SHADERS = ["DISTANCE", "MATCAP", "NORMAL", "PHONG", "STANDARD", "TOON"];
 
 /** three.js with empty texts in place of the shaders that are not used; each must be there to be left out. */

@@ -1,1 +1,1 @@
-onmessage=({data:{url:e,headers:a,everyMs:n}})=>{let s=async()=>{let t=await fetch(e,{method:"PUT",headers:a}).catch(()=>null);t&&t.status>=400&&t.status<500&&t.status!==429&&postMessage("lost")};setInterval(()=>{s()},n),s()};
+onmessage=async({data:{url:e,headers:s,everyMs:a,withinMs:n}})=>{for(;;){let r=new Promise(i=>{setTimeout(i,a)}),t=await fetch(e,{method:"PUT",headers:s,signal:AbortSignal.timeout(n)}).catch(()=>null);t&&t.status>=400&&t.status<500&&t.status!==429&&postMessage("lost"),await r}};

@@ -15,7 +15,8 @@ export class Refused extends Error {
     const fields = problem.errors ?? [];
     // The detail of a single fault names its field.
     const listed = problem.detail && fields.length < 2 ? [] : fields;
-    super([problem.detail || problem.title, ...listed.map((field) => `${field.pointer}: ${field.detail}`)].join("\n"));
+    // Ids are the server's words; the reader came by an address.
+    super(/^(job|run|mesh|inspection|calibration)_not_found/.test(problem.code ?? "") ? text.notFound : [problem.detail || problem.title, ...listed.map((field) => `${field.pointer}: ${field.detail}`)].join("\n"));
     this.code = problem.code ?? "";
     this.status = status;
     this.fields = fields;
@@ -150,15 +151,13 @@ export async function askVersion<T>(path: string): Promise<{ value: T; etag: str
 export const putVersion = (path: string, body: unknown, etag: string): Promise<string> =>
   request(path, { method: "PUT", headers: { "Content-Type": "application/json", ...(etag && { "If-Match": etag }) }, body: JSON.stringify(body) }).then(etagOf);
 
-export const post = <T>(path: string, body?: unknown, headers: Record<string, string> = {}): Promise<T> =>
-  ask<T>(path, body === undefined ? { method: "POST", headers }
-    : { method: "POST", headers: { "Content-Type": "application/json", ...headers }, body: JSON.stringify(body) });
+/** Request with a body, if there is one. */
+const sender = (method: string) => <T>(path: string, body?: unknown, headers: Record<string, string> = {}): Promise<T> =>
+  ask<T>(path, { method, headers: { ...(body !== undefined && { "Content-Type": "application/json" }), ...headers }, body: JSON.stringify(body) });
 
-export const put = <T>(path: string, body: unknown, headers: Record<string, string> = {}): Promise<T> =>
-  ask<T>(path, { method: "PUT", headers: { "Content-Type": "application/json", ...headers }, body: JSON.stringify(body) });
-
-export const remove = (path: string, headers: Record<string, string> = {}): Promise<null> =>
-  ask<null>(path, { method: "DELETE", headers });
+export const post = sender("POST");
+export const put = sender("PUT");
+export const remove = sender("DELETE");
 
 export async function signOut(): Promise<void> {
   localStorage.removeItem(SIGNED_IN);
@@ -200,6 +199,8 @@ export function uploadScan(job: string, file: File, given: { view: string; unit:
 
 export type Vector = [number, number, number];
 export interface Pose { translation_mm: Vector; quaternion_xyzw: [number, number, number, number] }
+/** A pose as specifications may write it. */
+export type GivenPose = Pose | { rpy_deg: Vector; translation_mm: Vector };
 export interface Box { min: Vector; max: Vector }
 export interface Note { code: string; detail: string; remedy: string; pointer?: string }
 
@@ -208,7 +209,7 @@ export interface Mesh {
   health: {
     format: string; triangles: number; triangles_in_file: number; vertices: number; bbox_mm: Box; area_mm2: number;
     volume_mm3: number | null; watertight: boolean; bodies: number; degenerate_triangles: number; duplicate_triangles: number;
-    boundary_edges: number; non_manifold_edges: number; inconsistent_edges: number; flipped_bodies: number; warnings: Note[];
+    boundary_edges: number; non_manifold_edges: number; inconsistent_edges: number; flipped_bodies: number; warnings: Omit<Note, "pointer">[];
   };
 }
 
@@ -233,10 +234,10 @@ export interface Summary {
 }
 
 export interface Region {
-  name: string; kind: string; tolerance_mm?: number; asked_area_mm2: number; samples: number; target?: number; of_asked: number;
-  met?: boolean; why_unmet?: string;
+  name: string; kind?: string; tolerance_mm?: number | null; asked_area_mm2: number; samples?: number; target?: number | null; of_asked: number;
+  met?: boolean | null; why_unmet?: string | null;
   /** On samples that views were not chosen on; absent in plans of earlier releases. */
-  independent_of_asked?: number; independent_standard_error?: number; independently_met?: boolean;
+  independent_of_asked?: number | null; independent_standard_error?: number | null; independently_met?: boolean | null;
 }
 
 export interface Job {
@@ -262,7 +263,7 @@ export interface Scanner { name: string; depth_mm: { near: number; best: number;
 
 export interface Viewpoint {
   id: number; candidate: number; label: string; part_from_scanner: Pose; gain_of_asked: number; score: number;
-  station: { table_angle_deg: number; joints_deg: number[]; posture?: string; clearance_mm?: number } | null;
+  station: { table_angle_deg: number; joints_deg: number[]; posture?: string; clearance_mm?: number | null } | null;
   rejected: string | null;
 }
 
@@ -286,8 +287,8 @@ export interface Plan {
   cell: { name: string; base_from_table: Pose; table_from_part: Pose; flange_from_scanner: Pose; robot: string; turntable: string }
     | null;
   coverage: {
-    asked_area_mm2: number; visible_area_mm2: number; coverable_area_mm2: number; measured_area_mm2: number; of_asked: number;
-    of_coverable: number; of_total: number; of_visible: number; grades: Record<string, number>; curve: number[];
+    asked_area_mm2: number; coverable_area_mm2: number; measured_area_mm2: number; of_asked: number;
+    of_coverable: number; of_total: number; grades: Record<string, number>; curve: number[];
   };
   viewpoints: Viewpoint[]; sequence: number[]; bound: { views_lower: number; of_asked_upper?: number | null } | null;
   setups?: { table_from_part: Pose; viewpoints: number[]; turn?: { text: string } | null }[];
@@ -295,7 +296,7 @@ export interface Plan {
   params: { score: { c: number; d: number; angle: string }; limits: { camera_deg: number | null; projector_deg: number | null };
     motion: { clearance_mm: number }; part: { fixture_mesh?: string | null }; selection: { max_views?: number | null } }
     & Record<string, unknown>;
-  motion?: Record<string, number>; stopped_because: string;
+  motion?: Record<string, number> | null; stopped_because: string;
 }
 
 export interface Step {
@@ -309,11 +310,13 @@ export interface Shape {
   kind: "box" | "cylinder" | "capsule" | "mesh"; size_mm?: Vector; radius_mm?: number; height_mm?: number; length_mm?: number;
   mesh?: string;
 }
-export interface Body { name: string; owner_from_body?: Pose | { rpy_deg: Vector; translation_mm: Vector }; shape: Shape; link?: number }
+export interface Body { name: string; owner_from_body?: GivenPose; shape: Shape }
+/** Body that a link of the arm carries. */
+export interface LinkBody extends Body { link: number }
 export interface Axis { min_deg: number; max_deg: number; max_speed_deg_per_s: number }
 export interface Robot {
   name: string; joints: Axis[]; kinematics: Record<string, unknown> & { kind: string };
-  links: { link: number; name: string; from_mm: Vector; to_mm: Vector; radius_mm: number }[]; surfaces?: Body[];
+  links: { link: number; name: string; from_mm: Vector; to_mm: Vector; radius_mm: number }[]; surfaces?: LinkBody[];
 }
 export interface Turntable {
   name: string; plate_diameter_mm: number; plate_thickness_mm: number; body?: Body[];
@@ -324,8 +327,8 @@ export interface ScannerSpec {
   practical_volume_mm: Vector;
 }
 export interface Cell {
-  name: string; robot: string | Robot; scanner: string | ScannerSpec; turntable: string | Turntable; base_from_table: Pose;
-  flange_from_scanner: Pose; mount?: Body[]; obstacles?: Body[]; cable?: Body[]; floor_mm?: number | null; home_deg: number[];
+  name: string; robot: string | Robot; scanner: string | ScannerSpec; turntable: string | Turntable; base_from_table: GivenPose;
+  flange_from_scanner: GivenPose; mount?: Body[]; obstacles?: Body[]; cable?: LinkBody[]; floor_mm?: number | null; home_deg: number[];
 }
 
 export interface Run {
@@ -363,7 +366,7 @@ export interface Calibration {
   observability: { spread_deg: number[]; rotation_sd_deg: number; translation_sd_mm: number;
     weakest?: { freedom: string; axis: number[]; sd_deg?: number | null; sd_mm?: number | null } | null };
   leave_one_out: { spread: Spread }; held_out?: Spread | null; sigma: Record<"robot_deg" | "robot_mm" | "board_deg" | "board_mm", number>;
-  sigma_estimated: boolean; arm_sigma_source?: string; table_runout: { order: number; radial_mm: number; axial_mm: number }[]; temperature_c: number | null;
+  sigma_estimated: boolean; arm_sigma_source?: string | null; table_runout: { order: number; radial_mm: number; axial_mm: number }[]; temperature_c: number | null;
 }
 
 export interface Scan {

@@ -129,7 +129,7 @@ function Verdict({ job }: { job: CalibrationJob }) {
       {summary && findings.length === 0 && !job.warnings?.length && <p class="good">{words.noFindings}</p>}
       {findings.map((finding) => <Finding key={finding.code + finding.observations.join()} finding={finding} />)}
       <UnitNote of={findings.map(({ detail }) => detail)} />
-      <Warnings job={job} />
+      <Warnings of={job.warnings} />
     </div>
   );
 }

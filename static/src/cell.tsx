@@ -36,7 +36,7 @@ interface Props { job: Job; query: URLSearchParams; setQuery: (changes: Record<s
 
 export function CellView(props: Props) {
   const hasCell = props.job.results.some((file) => file.name === "program.json");
-  const { value, error } = useLoaded(() => (hasCell ? load(props.job) : Promise.resolve(null)), [props.job.id]);
+  const { value, error } = useLoaded(() => (hasCell ? load(props.job) : Promise.resolve(null)), [hasCell]);
   if (!hasCell) return <p class="empty">{words.noCell}</p>;
   if (error || !value) return <Pending error={error} />;
   return <Player {...props} loaded={value} />;
@@ -158,7 +158,7 @@ function Player({ query, setQuery, loaded }: Props & { loaded: Loaded }) {
           options={loaded.programs.map((_, i) => [String(i), words.setup(i + 1)])} />}
         <NowFacts loaded={loaded} scene={scene.current} configuration={configuration} viewpoint={span?.op === "scan" ? span.viewpoint : undefined} />
         <ClearanceFacts clearances={clearances} now={now} onSeek={seek} />
-        <h3>{words.steps}</h3>
+        <h2>{words.steps}</h2>
         <Steps timeline={timeline} at={span?.step ?? 0} onStep={(step) => seek(timeline.spans[step]!.from + 1e-6)} />
         <JointPlots loaded={loaded} timeline={timeline} now={now} onPick={seek} />
         <p class="soft">{words.interpolation}</p>
@@ -190,7 +190,7 @@ function ClearanceFacts({ clearances, now, onSeek }: { clearances: Clearances; n
     { label: words.kept, values: curve.mm.map(() => lengthIn(minMm)), isDashed: true, isFaint: true, colour: "#d55e00" }], [curve, unit.value]);
   return (
     <section id="clearance" data-mm={nearest?.mm} aria-label={words.nearest}>
-      <h3>{words.nearest}</h3>
+      <h2>{words.nearest}</h2>
       <p>{nearest ? <><strong>{length(nearest.mm)}</strong> {words.between(nearest.a, nearest.b)}</> : curve ? words.farther(length(FARTHEST_MM)) : text.loading}</p>
       {curve ? (
         <>
@@ -240,7 +240,7 @@ function JointPlots({ loaded, timeline, now, onPick }: { loaded: Loaded; timelin
   }), [values]);
   return (
     <div class="plots">
-      <h3>{words.plots}</h3>
+      <h2>{words.plots}</h2>
       {plots.map((plot) => <Chart key={plot.title} title={plot.title} x={times} lines={plot.lines} xLabel="s" yLabel="°" height={105} cursor={now} onPick={onPick} legend={false} />)}
     </div>
   );

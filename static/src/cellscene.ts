@@ -53,7 +53,7 @@ export class CellScene {
     const obstacles = new Group();
     obstacles.name = "obstacles";
     (cell.obstacles ?? []).forEach((body) => obstacles.add(bodyMesh(body, { colour: 0xa08f7a }, meshes)));
-    (cell.cable ?? []).forEach((body) => this.arm.carry(body.link!, bodyMesh(body, { colour: 0x2f3640 }, meshes)));
+    (cell.cable ?? []).forEach((body) => this.arm.carry(body.link, bodyMesh(body, { colour: 0x2f3640 }, meshes)));
     stage.scene.add(this.root.add(this.gap, this.arm.object, this.onPlate, still, obstacles, floorLines(cell.floor_mm ?? null)));
     this.pose(cell.home_deg);
   }

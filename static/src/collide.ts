@@ -197,8 +197,8 @@ function bodiesOf({ cell, robot, table, scanner, part, fixture, tableFromPart, m
     const middle = from.map((value, i) => (value + to[i]!) / 2) as Point;
     made.push({ name: link.name, parent: link.link, pose: frameAlong(middle, length > 0 ? (axis.map((value) => value / length) as Point) : [0, 0, 1]), solid });
   });
-  surfaces.forEach((surface) => add(surface, surface.link!, own));
-  (cell.cable ?? []).forEach((piece) => add(piece, piece.link!, own));
+  surfaces.forEach((surface) => add(surface, surface.link, own));
+  (cell.cable ?? []).forEach((piece) => add(piece, piece.link, own));
   (cell.mount ?? []).forEach((body) => add(body, 6, own, { isLoad: true }));
   (scanner.body ?? []).forEach((body) => add(body, 6, matrixOf(cell.flange_from_scanner), { isLoad: true }));
   const half = table.plate_thickness_mm / 2;

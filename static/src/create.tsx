@@ -21,8 +21,6 @@ import { View3d } from "./view3d";
 
 const MM: Record<string, number> = { mm: 1, cm: 10, m: 1000, inch: 25.4 };
 const RAD = Math.PI / 180;
-/** Parts may be at most 150 block cubes long (`src/ARCHITECTURE.md`, memory); smaller than a hundredth of the field is no part. */
-const SMALLEST_OF_FIELD = 0.02;
 
 interface Entry { file: File; reading: Promise<Read | null>; read: Read | null; mesh: Mesh | null; share: number; problem: string; isStarted?: boolean }
 /** Turns, degrees; where the middle of the part's box comes to lie, and how far its lowest point is above the plate, mm. */
@@ -65,32 +63,30 @@ effect(() => {
 /** What a form said as it was sent. */
 type Given = [params: Record<string, unknown>, place: Placement | null, choice: Choice];
 
-/** The hardware that sizes are held against. */
-interface Bounds { field: [number, number, number] | null; plate: Turntable | null }
+/** The hardware beside which sizes are shown, and the lengths, mm, that the server wants the longest edge of a part to have. */
+interface Bounds { field: [number, number, number] | null; plate: Turntable | null; edge: [min: number, max: number] | null }
+const UNKNOWN: Bounds = { field: null, plate: null, edge: null };
 
-async function boundsOf(choice: Choice): Promise<Bounds> {
-  if (choice.cell === "none") {
-    const scanner = await ask<ScannerSpec>(`/scanners/${encodeURIComponent(choice.scanner)}`);
-    return { field: scanner.practical_volume_mm, plate: null };
-  }
-  const cell = await ask<Cell>(`/cells/${encodeURIComponent(choice.cell)}`);
+async function boundsOf({ cell: name, scanner: alone }: Choice): Promise<Bounds> {
+  const isAlone = name === "none";
+  const [{ part_edge_mm: edge }, cell] = await Promise.all([
+    // Of no parameters at all, the answer would be that they are no document.
+    post<{ part_edge_mm: Bounds["edge"] }>("/check", { document: { part: {} }, cell: name, ...(isAlone && { scanner: alone }) }),
+    isAlone ? { scanner: alone, turntable: null } : ask<Cell>(`/cells/${encodeURIComponent(name)}`),
+  ]);
   const [scanner, plate] = await Promise.all([
     typeof cell.scanner === "string" ? ask<ScannerSpec>(`/scanners/${encodeURIComponent(cell.scanner)}`) : cell.scanner,
     typeof cell.turntable === "string" ? ask<Turntable>(`/turntables/${encodeURIComponent(cell.turntable)}`) : cell.turntable,
   ]);
-  return { field: scanner.practical_volume_mm, plate };
+  return { field: scanner.practical_volume_mm, plate, edge };
 }
 
-function verdictOf(size: number[], { field, plate }: Bounds): { fits: boolean; words: string } {
-  const longest = Math.max(...size);
-  const [, middle] = [...size].sort((a, b) => a - b) as [number, number, number];
+function verdictOf(size: number[], { edge }: Bounds): { fits: boolean; words: string } {
   // Not known yet, or not to be read.
-  if (!field && !plate) return { fits: true, words: text.none };
-  if (field && longest < SMALLEST_OF_FIELD * Math.max(...field)) return { fits: false, words: text.create.tiny };
-  // On its largest face, the part's foot print is its two longest edges.
-  const foot = Math.hypot(longest, middle);
-  const isTooLarge = plate ? foot > plate.plate_diameter_mm : longest > 150 * Math.max(...field!);
-  return isTooLarge ? { fits: false, words: text.create.fitsNot } : { fits: true, words: text.create.fits };
+  if (!edge) return { fits: true, words: text.none };
+  const longest = Math.max(...size);
+  if (longest < edge[0]) return { fits: false, words: text.create.tiny };
+  return longest > edge[1] ? { fits: false, words: text.create.fitsNot } : { fits: true, words: text.create.fits };
 }
 
 const sizeIn = ({ min, max }: Read, unit: string): number[] => max.map((value, i) => (value - min[i]!) * MM[unit]!);
@@ -130,7 +126,7 @@ export function Health({ mesh }: { mesh: Mesh }) {
   const words = text.create;
   return (
     <div class="health">
-      <h3>{words.health}</h3>
+      <h2>{words.health}</h2>
       <table><tbody>
         {row(words.part, sizes(health.bbox_mm.max.map((max, i) => max - health.bbox_mm.min[i]!)))}
         {row(words.triangles, count(health.triangles))}{row(words.bodies, String(health.bodies))}
@@ -278,10 +274,10 @@ function PlacementForm({ at, isStated, onPlace, shape, note }: {
       <summary>{words.placing} <span class="soft">{isStated ? words.placeStated : at ? words.placeHand : words.placeAuto}</span></summary>
       {note && <p class="warning">{note}</p>}
       <label class="check"><input type="checkbox" checked={at === null} onChange={(event) => onPlace(event.currentTarget.checked ? null : AS_IN_FILE)} />{words.placeAuto}</label>
-      <h3>{words.stable}</h3>
+      <h2>{words.stable}</h2>
       {/* The poses come late: their room is there before them, so that nothing below moves under the pointer. */}
       <div class="stable">{isOpen && <StableList shape={shape} at={at} onPlace={onPlace} />}</div>
-      <h3>{words.placeHand}</h3>
+      <h2>{words.placeHand}</h2>
       <p class="soft">{words.placingHint}</p>
       <p class="actions" role="group" aria-label={words.sides}>
         {SIDES.map((down, i) => <Button key={i} onClick={() => onPlace({ ...AS_IN_FILE, ...turned(down) })}>{words.faces[i]}</Button>)}
@@ -414,7 +410,7 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
   const { entries, unit, params, place, choice, sending } = form;
   const [base, setBase] = useState<Base | null>(null);
   const offered = offeredBy(set);
-  const [bounds, setBounds] = useState<Bounds>({ field: null, plate: null });
+  const [bounds, setBounds] = useState(UNKNOWN);
   const { value: api, error: noApi } = useLoaded(apiDocument, []);
   const { value: names, error: noNames } = useLoaded(namesOf, []);
 
@@ -474,7 +470,13 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
     });
   }, [from, api]);
   useEffect(() => {
-    if (choice.value.cell) boundsOf(choice.value).then(setBounds, () => setBounds({ field: null, plate: null }));
+    if (!choice.value.cell) return;
+    // Limits of the hardware that was chosen before are not those of this one, however late they come.
+    let isCurrent = true;
+    const show = (of: Bounds): void => { if (isCurrent) setBounds(of); };
+    show(UNKNOWN);
+    boundsOf(choice.value).then(show, () => {});
+    return () => { isCurrent = false; };
   }, [choice.value.cell, choice.value.scanner]);
 
   const isOpened = base !== null && api !== null && names !== null;
@@ -544,7 +546,7 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
               <>
                 <Select label={text.create.unit} name="unit" required disabled={sending.value > 0} value={unit.value} onChange={chooseUnit}
                   options={[["", text.create.unitChoose], ...Object.keys(MM).map((name): [string, string] => [name, name])]} />
-                <p class="soft">{text.create.unitWhy}</p>
+                {first?.read && <p class="soft">{text.create.unitWhy}</p>}
               </>
             )}
             {first?.read && <UnitTable read={first.read} bounds={bounds} unit={unit.value} isFixed={sending.value > 0} onUnit={chooseUnit} />}

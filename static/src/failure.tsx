@@ -1,12 +1,11 @@
 // The page of a job that failed: what is wrong, at which field, and what to do next, with the fields at fault a click away.
-import { apiPath, ask, idempotencyKey, post, request, uploadMesh, type Job, type Mesh } from "./api";
-import { cellName, keepJob } from "./jobs";
+import { apiPath, ask, request, uploadMesh, type Job, type Mesh } from "./api";
 import { UnitNote } from "./job";
-import { copied, planAgain } from "./joblist";
+import { planAgain } from "./joblist";
 import { apiDocument, changesOf, resolved, type Api, type Schema } from "./schema";
 import { hrefOf } from "./settings";
 import { text } from "./text";
-import { Button, goToMade, useLoaded } from "./widgets";
+import { Button, useLoaded } from "./widgets";
 
 const words = text.failure;
 
@@ -56,19 +55,14 @@ function FixLink({ job, fix: { field, value }, kind = "" }: { job: Job; fix: Fix
   );
 }
 
-const SUITS = /it would fit if the file is in (mm|cm|m|inch)(?:es)?\b/;
+/** Units of a sentence such as "it would fit if the file is in cm (4.0 × 3.0 × 2.0 mm), or inches (10.2 × 7.6 × 5.1 mm)". */
+const SUITS = /(?:file is in|, or) (mm|cm|m|inch)(?:es)? \(/g;
 
 /** Uploads the same file read in another unit, and plans it. */
-const planInUnit = (job: Job, unit: string): Promise<void> => goToMade(async () => {
+const planInUnit = (job: Job, unit: string): Promise<void> => planAgain(job.id, {}, async () => {
   const mesh = await ask<Mesh>(`/meshes/${job.mesh_id}`);
   const bytes = await (await request(`/meshes/${job.mesh_id}/file`)).blob();
-  const { id } = await uploadMesh(new File([bytes], mesh.name ?? job.mesh_id), unit, () => {});
-  const whole = await ask<Job>(`/jobs/${job.id}`);
-  const { cell, scanner, labels, part_number, serial, priority, params } = whole;
-  const made = await post<Job>("/jobs", { mesh_id: id, cell, params, labels: copied(labels), priority,
-    ...(cellName(whole) === "none" && { scanner }), ...(part_number && { part_number }), ...(serial && { serial }) }, idempotencyKey());
-  keepJob(made);
-  return hrefOf(["jobs", made.id]);
+  return uploadMesh(new File([bytes], mesh.name ?? job.mesh_id), unit, () => {});
 });
 
 /** Problems that another attempt at the same job may not have. */
@@ -81,7 +75,7 @@ export function Failure({ job }: { job: Job }) {
   const errors = (problem?.errors ?? []).map((error) => ({ ...error, field: fieldOf(error.pointer, parameters) }));
   const sentences = [problem?.detail, ...errors.map(({ detail }) => detail)].join("\n");
   const fixes = fixesIn(sentences, parameters, errors.flatMap(({ field }) => field ?? []));
-  const unit = SUITS.exec(sentences)?.[1];
+  const units = new Set([...sentences.matchAll(SUITS)].map(([, unit]) => unit!));
   const hasReport = job.results.some((file) => file.name === "report.html");
   const changed = api ? Object.entries(changesOf(api, job.params ?? {})).filter(([name]) => !errors.some(({ field }) => field === name)) : [];
   const isPassing = PASSING.includes(problem?.code ?? "");
@@ -102,7 +96,7 @@ export function Failure({ job }: { job: Job }) {
       <h3>{words.next}</h3>
       <p>{words.help[problem?.code ?? ""] ?? words.help.internal}</p>
       <p class="actions">
-        {unit && <Button kind="primary" onClick={() => planInUnit(job, unit)}>{words.inUnit(unit)}</Button>}
+        {[...units].map((unit) => <Button key={unit} kind="primary" onClick={() => planInUnit(job, unit)}>{words.inUnit(unit)}</Button>)}
         {fixes.map((fix) => <FixLink key={fix.field} job={job} fix={fix} />)}
         {isPassing && <Button kind="primary" onClick={() => planAgain(job.id)}>{text.jobs.retry}</Button>}
         {hasReport && <a class="button" href={`${apiPath}/jobs/${job.id}/report`} target="_blank" rel="noopener">{words.report}</a>}

@@ -2,9 +2,9 @@
 import { useComputed, useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { apiPath, askAhead, type Job, type Note, type Region } from "./api";
-import { jobIds, jobSignal, partName, readJob, retries, stream } from "./jobs";
+import { ENDED, jobIds, jobSignal, partName, readJob, retries, stream } from "./jobs";
 import { facts, JobActions, LabelsDialog, planAgain, Progress, StateMark } from "./joblist";
-import { area, fine, goTo, hrefOf, nonzero, percent, place, setQuery, unit, withoutOptions } from "./settings";
+import { area, goTo, hrefOf, limits, nonzero, percent, place, setQuery, unit, withoutOptions } from "./settings";
 import { StartRun } from "./startrun";
 import { text } from "./text";
 import { Button, CopyLink, known, Lazy, Pending, Tabs } from "./widgets";
@@ -37,21 +37,21 @@ export function UnitNote({ of }: { of: (string | null | undefined)[] }) {
   return isNeeded ? <p class="soft unit-note">{text.job.unitNote}</p> : null;
 }
 
-export function Warnings({ job }: { job: { warnings?: Note[] } }) {
-  if (!job.warnings?.length) return null;
+export function Warnings({ of: warnings }: { of: Note[] | undefined }) {
+  if (!warnings?.length) return null;
   return (
     <section class="warnings" aria-label={text.job.warnings}>
-      {job.warnings.map((warning) => (
-        <p key={`${warning.pointer}${warning.code}`}><code>{warning.pointer}</code> {warning.detail}<br />→ {warning.remedy}</p>
+      {warnings.map((warning) => (
+        <p key={`${warning.pointer}${warning.code}`}><code>{warning.pointer}</code> {warning.detail}<br />→ {withoutOptions(warning.remedy)}</p>
       ))}
-      <UnitNote of={job.warnings.flatMap(({ detail, remedy }) => [detail, remedy])} />
+      <UnitNote of={warnings.flatMap(({ detail, remedy }) => [detail, remedy])} />
     </section>
   );
 }
 
 /** Share on samples that the views were not chosen on. */
 const onOtherSamples = ({ independent_of_asked: share, independent_standard_error: error }: Region): string =>
-  (share === undefined || error === undefined ? text.none : text.regionTable.withError(percent(share, 2), nonzero(100 * error, 2)));
+  (typeof share === "number" && typeof error === "number" ? text.regionTable.withError(percent(share, 2), nonzero(100 * error, 2)) : text.none);
 
 /** Verdict on a region: a target that is reached on the samples that views were chosen on alone is not told as met. */
 function verdictOf(region: Region): string {
@@ -70,7 +70,7 @@ export function RegionTable({ regions }: { regions: Region[] }) {
         {regions.map((region) => (
           <tr key={region.name} class={region.met === false || region.independently_met === false ? "unmet" : ""}>
             <td>{region.name}</td>
-            <td>{region.tolerance_mm === undefined || region.tolerance_mm === null ? region.kind : `${region.kind}, ${fine(region.tolerance_mm)}`}</td>
+            <td>{[region.kind, typeof region.tolerance_mm === "number" && limits(region.tolerance_mm)].filter(Boolean).join(", ")}</td>
             <td class="number">{area(region.asked_area_mm2)}</td><td class="number">{region.samples}</td>
             <td class="number">{region.target === undefined || region.target === null ? text.none : percent(region.target, 2)}</td>
             <td class="number">{percent(region.of_asked, 2, region.met === false ? region.target ?? 1 : 1)}</td><td class="number">{onOtherSamples(region)}</td>
@@ -102,7 +102,8 @@ function Head({ job, tab }: { job: Job; tab: string }) {
       <p class="soft facts">{facts(job)}</p>
       {action && <p class="next"><span>{text.job.next}: {withoutOptions(action.text)}</span><Remedy job={job} label={text.job.apply} set={action.set} /></p>}
       <Progress job={job} />
-      {job.state !== "succeeded" && tab !== "results" && <Warnings job={job} />}
+      {/* The summary of a plan has all of them; a doubtful unit is told wherever one looks. */}
+      {tab !== "results" && <Warnings of={job.warnings?.filter(({ code }) => job.state !== "succeeded" || /^part_[sl]/.test(code))} />}
       {labels.value && <LabelsDialog job={job} onClose={() => { labels.value = false; }} />}
       <div class="headrow">
         <Tabs label={text.job.label} names={text.job.tabs} chosen={tab} onChoose={(name) => goTo(hrefOf(["jobs", job.id, name], Object.fromEntries(place.value.query)))} />
@@ -111,6 +112,15 @@ function Head({ job, tab }: { job: Job; tab: string }) {
     </div>
   );
 }
+
+/** What is shown of a job, by tab; of one that failed, why. */
+const VIEWS: Record<string, () => Promise<(props: { job: Job; query: URLSearchParams; setQuery: typeof setQuery }) => unknown>> = {
+  plan: async () => (await import("./plan")).PlanView,
+  cell: async () => (await import("./cell")).CellView,
+  inspection: async () => (await import("./scans")).ScansView,
+  results: async () => (await import("./results")).Results,
+  failure: async () => (await import("./failure")).Failure,
+};
 
 export function JobView({ id, tab: named }: { id: string; tab: string }) {
   const tab = known(text.job.tabs, named);
@@ -132,18 +142,17 @@ export function JobView({ id, tab: named }: { id: string; tab: string }) {
   // `read` only says that the job is there; its state comes from the live signal.
   const job = read.value && isKnown.value ? jobSignal(id)?.value : undefined;
   if (problem.value || !job) return <Pending error={problem.value || (read.value && text.notFound)} />;
-  const isReady = job.state === "succeeded" && job.params !== undefined;
-  const props = { job, query: place.value.query, setQuery };
+  const { state } = job;
+  // An event tells the state before the job with its results, or its problem, is read.
+  const isReady = state === "succeeded" && job.ended_at && job.params;
+  const hasFailed = state === "failed" && (job.ended_at || job.problem);
+  const shown = tab === "results" ? tab : isReady ? tab : hasFailed ? "failure" : "";
   return (
     <div class="jobview">
       <Head job={job} tab={tab} />
       <div role="tabpanel" aria-label={text.job.tabs[tab as "plan"]} class="panel">
-        {!isReady && tab !== "results" && job.state !== "failed" && <p class="empty" role="status">{job.state === "succeeded" ? text.loading : job.state === "cancelled" ? text.job.wasCancelled : text.job.pending(text.states[job.state] ?? job.state)}</p>}
-        {job.state === "failed" && tab !== "results" && <Lazy key={`failure${id}`} load={async () => (await import("./failure")).Failure} props={{ job }} />}
-        {isReady && tab === "plan" && <Lazy key={`plan${id}`} load={async () => (await import("./plan")).PlanView} props={props} />}
-        {isReady && tab === "cell" && <Lazy key={`cell${id}`} load={async () => (await import("./cell")).CellView} props={props} />}
-        {isReady && tab === "inspection" && <Lazy key={`inspection${id}`} load={async () => (await import("./scans")).ScansView} props={props} />}
-        {tab === "results" && <Lazy key={`results${id}`} load={async () => (await import("./results")).Results} props={props} />}
+        {shown ? <Lazy key={shown} load={VIEWS[shown]!} props={{ job, query: place.value.query, setQuery }} />
+          : <p class="empty" role="status">{state === "cancelled" ? text.job.wasCancelled : ENDED.includes(state) ? text.loading : text.job.pending(text.states[state] ?? state)}</p>}
       </div>
     </div>
   );

@@ -1,7 +1,7 @@
 // The list of jobs: live rows with picture, verdict and figures, filters that the address holds, and what can be done with each.
 import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef, useState } from "preact/hooks";
-import { ask, idempotencyKey, post, put, remove, type Job, type Summary } from "./api";
+import { ask, idempotencyKey, post, put, remove, type Job, type Mesh, type Summary } from "./api";
 import {
   cellName, ENDED, filterJobs, findJobs, findMore, jobIds, jobSignal, keepJob, listed, listMore, listProblem, partName, readJob, readList, refresh, retries,
   scannerName, secondsLeft, stream, forgetJob,
@@ -29,10 +29,13 @@ export function facts(job: Job): string {
 
 /** Link to a job by the name of its part. */
 export function JobLink({ id, tab = [] }: { id: string; tab?: string[] }) {
-  useEffect(() => { if (!jobSignal(id)) void readJob(id).catch(() => {}); }, [id]);
-  // Read once it is kept.
+  // Read once it is kept; its name stays once it was dropped.
   void jobIds.value;
-  const job = jobSignal(id)?.value;
+  const seen = jobSignal(id)?.value;
+  const last = useRef<Job | null>(null);
+  if (seen) last.current = seen;
+  const job = last.current?.id === id ? last.current : undefined;
+  useEffect(() => { if (!jobSignal(id)) void readJob(id).catch(() => {}); }, [id]);
   return <a href={hrefOf(["jobs", id, ...tab])}>{job ? partName(job) : id.slice(0, 8)}</a>;
 }
 
@@ -122,11 +125,11 @@ export function withSet(given: Record<string, unknown>, set: Record<string, unkn
 /** Labels that a copy of a job takes over: it is planned anew, and follows no inspection. */
 export const copied = ({ [RESCAN_OF]: _, ...labels }: Record<string, string>): Record<string, string> => labels;
 
-/** Starts the same job once more, from what the server has of it, with some parameters changed, and goes there. */
-export const planAgain = (id: string, set: Record<string, unknown> = {}): Promise<void> => goToMade(async () => {
+/** Starts the same job once more, from what the server has of it, with some parameters changed or with another mesh, and goes there. */
+export const planAgain = (id: string, set: Record<string, unknown> = {}, uploaded?: () => Promise<Mesh>): Promise<void> => goToMade(async () => {
   const job = await ask<Job>(`/jobs/${id}`);
   const params = withSet((job.params ?? {}) as Record<string, unknown>, set);
-  const request: Record<string, unknown> = { mesh_id: job.mesh_id, cell: job.cell, params, labels: copied(job.labels), priority: job.priority };
+  const request: Record<string, unknown> = { mesh_id: (await uploaded?.())?.id ?? job.mesh_id, cell: job.cell, params, labels: copied(job.labels), priority: job.priority };
   if (cellName(job) === "none") request.scanner = job.scanner;
   if (job.part_number) request.part_number = job.part_number;
   if (job.serial) request.serial = job.serial;

@@ -19,6 +19,9 @@ export const jobSignal = (id: string): Signal<Job> | undefined => jobs.get(id);
 
 /** Jobs that were deleted: an answer that was on its way by then does not bring them back. */
 const deleted = new Set<string>();
+/** Limit of these, and of the jobs that come one by one before the oldest are dropped: a display on a wall runs for months. */
+const MANY = 1000;
+let added = 0;
 
 const newestFirst = (): void => { jobIds.value = [...jobs.keys()].sort().reverse(); };
 
@@ -32,11 +35,24 @@ function store(job: Job): void {
 export function keepJob(job: Job): void {
   const isNew = !jobs.has(job.id);
   store(job);
-  if (isNew) newestFirst();
+  if (!isNew) return;
+  newestFirst();
+  if ((added += 1) > MANY && !/[?&]q=/.test(location.hash)) dropOld();
+}
+
+/** Keeps of the jobs that have ended those of the newest page, and what the address names; the list begins with that page again. */
+function dropOld(): void {
+  added = 0;
+  for (const id of jobIds.peek().slice(PAGE_SIZE)) if (ENDED.includes(jobs.get(id)!.peek().state) && !location.hash.includes(id)) jobs.delete(id);
+  const parts = new Set([...jobs.values()].map((job) => job.peek().mesh_id));
+  for (const id of meshes.keys()) if (!parts.has(id)) meshes.delete(id);
+  newestFirst();
+  void readList();
 }
 
 export function forgetJob(id: string): void {
   deleted.add(id);
+  if (deleted.size > MANY) deleted.delete(deleted.values().next().value!);
   jobs.delete(id);
   jobIds.value = jobIds.peek().filter((other) => other !== id);
 }
@@ -136,7 +152,8 @@ export async function findJobs(queries: string[], wanted = PAGE_SIZE): Promise<v
   const search = (searches += 1);
   findMore.value = null;
   const pages = await Promise.all(queries.map((query) => askPages<Job>(`/jobs?${query}`, wanted)));
-  pages.forEach(({ items }) => items.forEach(keepJob));
+  pages.forEach(({ items }) => items.forEach(store));
+  newestFirst();
   if (search === searches && pages.some((page) => page.next_page_token)) findMore.value = () => findJobs(queries, wanted + PAGE_SIZE);
 }
 
@@ -156,11 +173,13 @@ export async function readRegions(id: string): Promise<void> {
 // One request a job at a time, and one more when something happened meanwhile.
 const reading = new Map<string, boolean>();
 
-/** Reads a job anew; forgets one that was deleted. */
+const RETRY_MS = 2000;
+
+/** Reads a job anew, also after an attempt that failed; forgets one that was deleted. */
 export async function refresh(id: string): Promise<void> {
   if (reading.has(id)) { reading.set(id, true); return; }
   reading.set(id, false);
-  await readJob(id).catch((error) => { if (error.code === "job_not_found") forgetJob(id); });
+  await readJob(id).catch((error) => { if (error.code === "job_not_found") forgetJob(id); else setTimeout(refresh, RETRY_MS, id); });
   const again = reading.get(id);
   reading.delete(id);
   if (again) await refresh(id);

@@ -5,7 +5,7 @@ import type { Beat } from "./beat";
 import { text } from "./text";
 import { message } from "./widgets";
 
-interface Lease { id: string; token: number; heartbeat_ms: number; cell: string; holder: string }
+interface Lease { id: string; token: number; heartbeat_ms: number; ttl_ms: number; cell: string; holder: string }
 export const lease = signal<Lease | null>(null);
 let beating: Worker | null = null;
 
@@ -25,7 +25,8 @@ export async function takeLease(cell: string, holder: string): Promise<void> {
   lease.value = taken;
   beating = new Worker(new URL("./beat.js", import.meta.url), { type: "module" });
   beating.onmessage = () => { letGo(); message.value = text.runs.leaseGone; };
-  beating.postMessage({ url: `${apiPath}/leases/${taken.id}`, headers: asPage, everyMs: taken.heartbeat_ms } satisfies Beat);
+  // A request without an answer by then leaves time for another one before the lease ends.
+  beating.postMessage({ url: `${apiPath}/leases/${taken.id}`, headers: asPage, everyMs: taken.heartbeat_ms, withinMs: taken.ttl_ms / 2 } satisfies Beat);
   addEventListener("beforeunload", warn);
 }
 

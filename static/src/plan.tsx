@@ -37,7 +37,7 @@ type Query = { query: URLSearchParams; setQuery: (changes: Record<string, string
 export function PlanView({ job, query, setQuery }: { job: Job } & Query) {
   const { value: model, error } = useLoaded(() => modelOf(job), [job.id]);
   if (error || !model) return <Pending error={error} />;
-  return <Loaded key={job.id} model={model} query={query} setQuery={setQuery} />;
+  return <Loaded key={job.id} job={job} model={model} query={query} setQuery={setQuery} />;
 }
 
 function usePlan3d(model: Model, { query, setQuery }: Query): Plan3d {
@@ -120,8 +120,9 @@ function hitOf(model: Model, face: number): Hit {
   return { face, point, normal: n.map((value) => value / size) as Hit["normal"] };
 }
 
-function Loaded({ model, query, setQuery }: { model: Model } & Query) {
-  const state = usePlan3d(model, { query, setQuery });
+function Loaded({ job, model, query, setQuery }: { job: Job; model: Model } & Query) {
+  // What is told of the job follows it, as when its warnings are read after its plan.
+  const state = { ...usePlan3d(model, { query, setQuery }), model: { ...model, job } };
   const scene = useRef<PlanScene | null>(null);
   const [stage, setStage] = useState<Stage | null>(null);
   const mode = known(text.plan.colours, query.get("colour")) as Colouring;

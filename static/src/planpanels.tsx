@@ -47,7 +47,7 @@ export function SummaryPanel({ state }: { state: Plan3d }) {
   return (
     <div>
       <Sentences job={job} />
-      <h3>{words.denominators}</h3>
+      <h2>{words.denominators}</h2>
       <dl class="shares">
         {job.summary?.headline?.map(({ name, share, independent, meaning }) => (
           <div key={name}>
@@ -58,7 +58,7 @@ export function SummaryPanel({ state }: { state: Plan3d }) {
       </dl>
       <p class="soft">{words.independence}</p>
       <p class="soft">{words.spotHint}</p>
-      <Warnings job={job} />
+      <Warnings of={job.warnings} />
     </div>
   );
 }
@@ -82,7 +82,7 @@ export function SpotPanel({ state, spot, mode }: { state: Plan3d; spot: SpotStat
   const verdict = isMeasured ? words.gradeNames[spot.meaning]! : spot.meaning === "not_asked" ? notAsked(state) : causeName(spot.meaning);
   return (
     <section class="spot" aria-label={words.spot} ref={panel}>
-      <div class="head"><h3>{seen.length ? words.seenBy(seen.length) : words.unseen}</h3><Button onClick={() => state.askAt(null)} aria-label={text.close}>×</Button></div>
+      <div class="head"><h2>{seen.length ? words.seenBy(seen.length) : words.unseen}</h2><Button onClick={() => state.askAt(null)} aria-label={text.close}>×</Button></div>
       <p>{words.planCause}: <strong data-spot={spot.meaning}>{verdict}</strong> <span class="soft">({point(spot.hit.point)}) {lengthUnit()} {words.fileAxes}</span></p>
       {isDisputed && <p id="disputed">{isMeasured ? words.planSeesMore : words.planSeesLess}</p>}
       {seen.length > 0 && (
@@ -133,7 +133,7 @@ function MoveForm({ state, view }: { state: Plan3d; view: EditedView }) {
   const { tiltX, tiltY, roll, standoff } = view.move;
   return (
     <div class="move">
-      <h3>{words.moveView}</h3>
+      <h2>{words.moveView}</h2>
       <Slider label={`${words.tilt} X`} min={-45} max={45} value={tiltX} show={`${tiltX}°`} onInput={(value) => set({ tiltX: value })} />
       <Slider label={`${words.tilt} Y`} min={-45} max={45} value={tiltY} show={`${tiltY}°`} onInput={(value) => set({ tiltY: value })} />
       <Slider label={words.roll} min={-180} max={180} value={roll} show={`${roll}°`} onInput={(value) => set({ roll: value })} />
@@ -156,7 +156,7 @@ function Edited({ state }: { state: Plan3d }) {
   });
   return (
     <section class="edited" aria-label={words.edited}>
-      <h3>{words.edited}</h3>
+      <h2>{words.edited}</h2>
       <p>{words.estimateNow}: {before && <span>{percent(before.measured / before.total, 2)} {words.before} → </span>}
         <strong id="edited-share">{now ? percent(now.measured / now.total, 2) : "…"}</strong> {words.after}</p>
       <p class="soft">{words.estimate}</p>
@@ -226,14 +226,14 @@ export function MissesPanel({ state, mode, onSpot }: { state: Plan3d; mode: Colo
   if (all === 0) return <p class="good">{words.noMisses}</p>;
   return (
     <div>
-      {fixes.length > 0 && <h3>{words.fixes}</h3>}
+      {fixes.length > 0 && <h2>{words.fixes}</h2>}
       <ul class="fixes">
         {fixes.map((group) => (
           <li key={group.text}>{words.missCount(group.spots)}, {percent(group.of_asked, 2)}: <Cause cause={group.reason} mode={mode} />.
             {" "}{group.partial_text ? `${group.partial_text}: ${group.fix_text}` : `${group.fix_text} (${area(group.recovers_mm2)})`} <Remedy job={job} label={text.job.apply} set={group.set} /></li>
         ))}
       </ul>
-      <h3>{words.misses}{all > spots.length && ` (${spots.length} ${text.runs.of} ${all})`}</h3>
+      <h2>{words.misses}{all > spots.length && ` (${spots.length} ${text.runs.of} ${all})`}</h2>
       <p class="soft">{words.numbered}</p>
       <UnitNote of={spots.map(({ spot }) => spot.remedy?.text)} />
       <ul class="spots">
@@ -288,7 +288,7 @@ export function RegionsPanel({ state }: { state: Plan3d }) {
       <p><strong id="marked-area">{words.drawn(area(markedArea))}</strong> <Button onClick={clear}>{words.clear}</Button></p>
       <RegionUse draft={draft} />
       <p class="actions"><Button kind="primary" disabled={marked.size === 0} onClick={() => planWithRegion(state, draft.value)}>{words.regionPlan}</Button></p>
-      {Boolean(job.regions?.length) && <><h3>{words.regionList}</h3><div class="scroll" tabIndex={0} role="group" aria-label={text.results.regions}><RegionTable regions={job.regions!} /></div></>}
+      {Boolean(job.regions?.length) && <><h2>{words.regionList}</h2><div class="scroll" tabIndex={0} role="group" aria-label={text.results.regions}><RegionTable regions={job.regions!} /></div></>}
     </div>
   );
 }

@@ -1,6 +1,6 @@
 // Rigid motions as three.js matrices, from the shapes of the API, and the arm's forward kinematics.
 import { Matrix4, Quaternion, Vector3 } from "three";
-import type { Body, Pose, Robot } from "./api";
+import type { GivenPose, Pose, Robot } from "./api";
 
 const RAD = Math.PI / 180;
 const UNIT = new Vector3(1, 1, 1);
@@ -11,7 +11,7 @@ export const turnY = (rad: number): Matrix4 => new Matrix4().makeRotationY(rad);
 export const turnZ = (rad: number): Matrix4 => new Matrix4().makeRotationZ(rad);
 export const product = (...factors: Matrix4[]): Matrix4 => factors.reduce((left, right) => left.clone().multiply(right));
 
-export function matrixOf(pose: Pose | Body["owner_from_body"] | null | undefined): Matrix4 {
+export function matrixOf(pose: GivenPose | null | undefined): Matrix4 {
   if (!pose) return new Matrix4();
   const place = new Vector3(...pose.translation_mm);
   if ("quaternion_xyzw" in pose) return new Matrix4().compose(place, new Quaternion(...pose.quaternion_xyzw), UNIT);

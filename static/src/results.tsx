@@ -19,7 +19,7 @@ export function Results({ job }: { job: Job }) {
   return (
     <div class="results columns">
       <section>
-        <h2>{text.job.summary}</h2><Sentences job={job} /><Warnings job={job} />
+        <h2>{text.job.summary}</h2><Sentences job={job} /><Warnings of={job.warnings} />
         <h2>{text.plan.time}</h2>
         <table><tbody>{Object.entries(job.timings).sort(([, a], [, b]) => b - a).map(([stage, secs]) => (
           <tr key={stage}><th scope="row">{text.stages[stage] ?? stage}</th><td class="number">{secs < 10 ? `${secs.toFixed(2)} s` : seconds(secs)}</td></tr>

@@ -203,7 +203,7 @@ function Live({ first }: { first: Run }) {
         <Controls run={run} setups={programs.length} read={() => read()} />
         <RunFacts run={run.value} program={program} elapsed={OVER.includes(run.value.state) ? run.value.elapsed_secs : last?.secs ?? run.value.elapsed_secs} />
         <Plots samples={samples} />
-        <h3>{zoned(words.log)}</h3>
+        <h2>{zoned(words.log)}</h2>
         <Log entries={log.value} />
         <Files run={run.value} />
       </aside>
@@ -285,9 +285,9 @@ function Speed({ run, read }: Commanded) {
 
 function Controls({ run, setups, read }: Commanded & { setups: number }) {
   const said = useSignal("");
-  const { id, state, mode, job_id: job, single_step: isStepped } = run.value;
-  // Told where the part lies, the run goes on by itself.
-  const isWaiting = (state === "armed" && isStepped) || (state === "paused" && run.value.reason !== "locating");
+  const { id, state, mode, reason, job_id: job, single_step: isStepped } = run.value;
+  // Told where the part lies, the run goes on by itself; on its way to rest it takes no order.
+  const isWaiting = reason !== "stopping" && ((state === "armed" && isStepped) || (state === "paused" && reason !== "locating"));
   const command = (name: string, token: boolean) => () => post(token ? withToken(`/runs/${id}/${name}`) : `/runs/${id}/${name}`).then(read);
   const isActive = !OVER.includes(state);
   // It can be pressed again as long as the run is not over, whatever waits.
@@ -312,10 +312,10 @@ function Controls({ run, setups, read }: Commanded & { setups: number }) {
           <StartRun job={job} setups={setups} setup={run.value.setup} timeFactor={run.value.time_factor} fromStep={state === "done" ? 0 : run.value.step} />
         )}
       </div>
-      {isActive && said.value && <p class={said.value === words.stopLate ? "problem" : "soft"} role="alert">{said.value}</p>}
+      {isActive && said.value && <p class={said.value === words.stopLate ? "problem" : "soft"} role="alert">{said.value === words.stopLate && mode === "live" && `${words.pressStop} `}{said.value}</p>}
       {isActive && <Speed run={run} read={read} />}
       {(mode === "live" || lease.value) && <LeaseBox run={run.value} />}
-      {state === "failed" || state === "stopped" || state === "paused" ? <Reason run={run.value} /> : null}
+      {state === "failed" || state === "stopped" || state === "paused" || run.value.reason === "stopping" ? <Reason run={run.value} /> : null}
     </>
   );
 }
@@ -345,7 +345,7 @@ function RunFacts({ run, program, elapsed }: { run: Run; program: Program | unde
         {run.jitter && <><dt>{words.jitter}</dt><dd>{run.jitter.p99_ms?.toFixed(2)} ms</dd></>}
         {run.armed_by && <><dt>{words.armedBy}</dt><dd>{run.armed_by}</dd></>}
       </dl>
-      {run.objections.length > 0 && <><h3>{words.objections}</h3><ul>{run.objections.map((objection) => <li key={objection} class="problem">{objection}</li>)}</ul></>}
+      {run.objections.length > 0 && <><h2>{words.objections}</h2><ul>{run.objections.map((objection) => <li key={objection} class="problem">{objection}</li>)}</ul></>}
     </>
   );
 }

@@ -103,6 +103,12 @@ export function fixed(value: number, decimals: number): string {
 }
 /** A length that is compared with a tolerance. */
 export const fine = (mm: number): string => `${fixed(lengthIn(mm), unit.value === "mm" ? 3 : 4)}\u00a0${lengthUnit()}`;
+/** The limits of a tolerance zone of this width, as a drawing has them; in mm with up to six decimals, so that none is rounded to another. */
+export function limits(widthMm: number): string {
+  const limit = lengthIn(widthMm / 2);
+  const shown = unit.value === "mm" ? Math.max(3, String(Number(limit.toFixed(6))).split(".")[1]?.length ?? 0) : 4;
+  return `±${nonzero(limit, shown)}\u00a0${lengthUnit()}`;
+}
 export const area = (mm2: number): string =>
   `${digits(areaIn(mm2), unit.value === "mm" ? 1 : 3)}\u00a0${lengthUnit()}²`;
 export const sizes = (mm: readonly number[]): string =>
@@ -143,5 +149,5 @@ export const zoned = (shown: string): string => `${shown} (${zone})`;
 /** A clause of the server as a sentence of its own. */
 export const sentence = (clause: string): string => `${clause.charAt(0).toUpperCase()}${clause.slice(1)}${/[.!?]$/.test(clause) ? "" : "."}`;
 
-/** A sentence of the server without the options of the command line, which a button stands for here. */
-export const withoutOptions = (sentence: string): string => sentence.replace(/(?:; to plan for that)?:?(?: --set (?:'[^']*'|[^\s;]+))+| \(--up [^)]*\)/g, "");
+/** A sentence of the server without the options of the command line, which a button stands for here; in brackets, parameters stay. */
+export const withoutOptions = (sentence: string): string => sentence.replace(/(?:; to plan for that)?:?(?: --set (?:'[^']*'|[^\s;]+))+| \(--up [^)]*\)/g, "").replaceAll("(--set ", "(");

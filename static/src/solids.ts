@@ -75,7 +75,7 @@ export class Arm {
     this.links = Array.from({ length: 7 }, () => new Group());
     const lookOf = (link: number): Look => ghost ?? { colour: LINK_COLOURS[link === 0 ? 0 : 1 + (link % 2)]! };
     const surfaces = (robot.surfaces ?? []).filter(({ shape }) => shape.kind !== "mesh" || shape.mesh! in meshes);
-    surfaces.forEach((body) => this.links[body.link!]?.add(bodyMesh(body, lookOf(body.link!), meshes)));
+    surfaces.forEach((body) => this.links[body.link]?.add(bodyMesh(body, lookOf(body.link), meshes)));
     robot.links.filter(({ link }) => !surfaces.some((body) => body.link === link)).forEach((link) => {
       const look = lookOf(link.link);
       this.links[link.link]?.add(capsule(new Vector3(...link.from_mm), new Vector3(...link.to_mm), link.radius_mm, look));

@@ -89,7 +89,7 @@ function Editor({ kind, item, onChanged }: { kind: string; item: Item; onChanged
         <p class="actions sticky">
           <label><span>{words.saveAs}</span><input type="text" maxLength={128} value={saveAs} onInput={(event) => setSaveAs(event.currentTarget.value)} /></label>
           <Button kind="primary" disabled={report?.sound === false || toCorrect() !== "" || !saveAs || (item.preset && saveAs === item.name)} onClick={save}>{words.save}</Button>
-          {!item.preset && <ConfirmButton label={words.remove} sure={text.sure(item.name)} onConfirm={() => remove(path, { "If-Match": etag }).catch(inWords).then(() => { onChanged(); goTo(hrefOf(["specs", kind])); })} />}
+          {!item.preset && <ConfirmButton label={words.remove} sure={text.sure(item.name)} onConfirm={() => remove(path, undefined, { "If-Match": etag }).catch(inWords).then(() => { onChanged(); goTo(hrefOf(["specs", kind])); })} />}
           <span class={toCorrect() ? "problem" : "good"} role="status">{toCorrect() || said}</span>
         </p>
       </div>

@@ -133,7 +133,8 @@ export class Stage {
       at.copy(label.at).project(this.camera);
       const isShown = at.z < 1 && Math.abs(at.x) < 1 && Math.abs(at.y) < 1;
       element.hidden = !isShown;
-      if (isShown) element.style.transform = `translate(${((at.x + 1) / 2) * width}px, ${((1 - at.y) / 2) * height}px)`;
+      // None is cut off at the right: the style has a margin of .6rem at the left.
+      if (isShown) element.style.transform = `translate(min(${((at.x + 1) / 2) * width}px, ${width - 12}px - 100%), ${((1 - at.y) / 2) * height}px)`;
     }
   }
 

@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-WCL6E7UM.js";import"./chunk-WLVDOSYS.js";import"./chunk-BJK2A22R.js";import"./chunk-VJO52RIK.js";import"./chunk-5XJ4IKWG.js";import"./chunk-6XNOURJR.js";export{a as drawThumbnail,b as drawTurned};
