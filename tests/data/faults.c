@@ -6,6 +6,7 @@
  *   [0] how many calls there are still to go before one fails; the call that takes it from 1 to 0 fails; 0: none does
  *   [1] the errno of the failure
  *   [2] calls counted so far
+ *   [3] the errno with which a quota refuses all that takes room: every write, and the creation of a file; 0: there is room
  * Counted are the calls that change a file below FAULTS_FOLDER: open for creating, write, pwrite, fsync, fdatasync,
  * ftruncate, rename, unlink, mkdir, and taking a lock (fcntl).
  */
@@ -38,7 +39,7 @@ __attribute__((constructor)) static void begin(void) {
         return;
     folder_length = strlen(folder);
     int fd = REAL(open)(path, O_RDWR);
-    void *memory = mmap(NULL, 3 * sizeof(int64_t), PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
+    void *memory = mmap(NULL, 4 * sizeof(int64_t), PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
     control = memory == MAP_FAILED ? NULL : memory;
     close(fd);
 }
@@ -73,11 +74,26 @@ static int fails(void) {
     return 0;
 }
 
+/* True where a quota has no room for a call that takes some. */
+static int is_over_quota(void) {
+    if (!control || !control[3])
+        return 0;
+    errno = (int)control[3];
+    return 1;
+}
+
 #define ON_FILE(type, name, parameters, arguments)  \
     type name parameters {                          \
         if (is_our_file(fd) && fails())             \
             return -1;                              \
         return REAL(name) arguments;                \
+    }
+
+#define ON_GROWTH(type, name, parameters, arguments)               \
+    type name parameters {                                         \
+        if (is_our_file(fd) && (is_over_quota() || fails()))       \
+            return -1;                                             \
+        return REAL(name) arguments;                               \
     }
 
 #define ON_PATH(name, parameters, arguments)        \
@@ -87,10 +103,10 @@ static int fails(void) {
         return REAL(name) arguments;                \
     }
 
-ON_FILE(ssize_t, write, (int fd, const void *bytes, size_t count), (fd, bytes, count))
-ON_FILE(ssize_t, writev, (int fd, const struct iovec *pieces, int count), (fd, pieces, count))
-ON_FILE(ssize_t, pwrite, (int fd, const void *bytes, size_t count, off_t at), (fd, bytes, count, at))
-ON_FILE(ssize_t, pwrite64, (int fd, const void *bytes, size_t count, off64_t at), (fd, bytes, count, at))
+ON_GROWTH(ssize_t, write, (int fd, const void *bytes, size_t count), (fd, bytes, count))
+ON_GROWTH(ssize_t, writev, (int fd, const struct iovec *pieces, int count), (fd, pieces, count))
+ON_GROWTH(ssize_t, pwrite, (int fd, const void *bytes, size_t count, off_t at), (fd, bytes, count, at))
+ON_GROWTH(ssize_t, pwrite64, (int fd, const void *bytes, size_t count, off64_t at), (fd, bytes, count, at))
 ON_FILE(int, fsync, (int fd), (fd))
 ON_FILE(int, fdatasync, (int fd), (fd))
 ON_FILE(int, ftruncate, (int fd, off_t length), (fd, length))
@@ -105,7 +121,8 @@ ON_PATH(mkdir, (const char *path, mode_t mode), (path, mode))
         va_start(rest, flags);                                \
         mode_t mode = flags & O_CREAT ? va_arg(rest, mode_t) : 0; \
         va_end(rest);                                         \
-        if (is_ours(path) && fails())                         \
+        int creates = flags & O_CREAT && is_ours(path) && access(path, F_OK) != 0; \
+        if ((creates && is_over_quota()) || (is_ours(path) && fails())) \
             return -1;                                        \
         return REAL(name)(path, flags, mode);                 \
     }

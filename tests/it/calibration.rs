@@ -550,6 +550,7 @@ fn malformed_files_of_other_programs_are_refused_by_place() {
     for (text, said) in [
         ("id,j1\na,0\n", "unknown column \"j1\""),
         ("id,board_x,board_y,board_z\na,1,NaN,3\n", "a finite number"),
+        ("id;board_x;board_y;board_z\na;1,5;2;3\n", "is \"1,5\"; a finite number is needed; use a point as decimal separator"),
         ("id,board_x,board_y\na,1\n", "has 2 cells; the header has 3"),
         ("", "unknown column"),
     ] {

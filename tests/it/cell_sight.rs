@@ -9,7 +9,7 @@ use vantage::geometry::{Base, Mesh, Part, Pose, plate_from_placed};
 use vantage::planning::certificate::recheck::{self, TakenView};
 use vantage::planning::context::{Context, Silent};
 use vantage::planning::ids::SampleId;
-use vantage::planning::params::{CandidateParams, PlanParams};
+use vantage::planning::params::{CandidateParams, PlanParams, Region, RegionMaterialParams};
 use vantage::planning::plan::{Cause, Outcome, RemedyKind, Verdict};
 use vantage::planning::{PlanInput, plan};
 use vantage::program::{compile, off_coverage, scan_configurations, scan_poses};
@@ -159,6 +159,32 @@ fn a_roof_hides_the_middle_of_what_lies_under_it_from_every_station() {
     assert!(coverage.coverable_area_mm2 < 10_400.0 - 150.0, "a disc of 8 mm is 201 mm²: {coverage:?}");
     assert!((coverage.optically_coverable_area_mm2 - without.plan.coverage.optically_coverable_area_mm2).abs() < 1e-6);
     assert!(coverage.independent.of_asked() < without.plan.coverage.independent.of_asked() - 0.01);
+}
+
+/// Surface that no light shows and a roof hides was told as dark, and as seen.
+#[test]
+#[ignore = "long: tests/all runs it"]
+fn what_a_roof_hides_from_every_station_is_not_told_as_dark() {
+    let mut params = quick();
+    params.materials.albedo = Some(0.8);
+    // Half the disc that is hidden at every table angle, of a black that no level lights.
+    params.materials.regions = vec![RegionMaterialParams {
+        region: Region::Sphere { centre_mm: [0.0, 0.0, 40.0], radius_mm: 4.0 },
+        finish: None,
+        albedo: Some(0.001),
+        gloss: Some(0.0),
+        lobe_deg: None,
+    }];
+    let told = |cell: &Cell| {
+        let Outcome { plan, .. } = planned_with(&block(), cell, &params);
+        let dark_mm2: Vec<f64> = plan.views.iter().filter_map(|view| Some(view.exposure.as_ref()?.dark_area_mm2)).collect();
+        (plan.coverage.exposure.expect("known materials").dark_area_mm2, dark_mm2)
+    };
+    let (open_mm2, by_view_mm2) = told(&cell_with(&[]));
+    assert!(open_mm2 > 25.0 && by_view_mm2.iter().any(|mm2| *mm2 > 25.0), "a disc of 4 mm is 50 mm²: {open_mm2} {by_view_mm2:?}");
+    let (roofed_mm2, by_view_mm2) = told(&cell_with(&[ROOF]));
+    assert!(!by_view_mm2.is_empty() && by_view_mm2.iter().all(|mm2| *mm2 == 0.0), "{by_view_mm2:?}");
+    assert_eq!(roofed_mm2, 0.0);
 }
 
 #[test]

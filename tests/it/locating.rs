@@ -65,7 +65,7 @@ fn fits_wherever_the_base_lies(look_closer: bool) {
         let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), deg.to_radians());
         let off = Isometry3::from_parts(Translation3::new(x_mm, y_mm, 0.0), turn);
         let located = Pose::claim(off * lies.isometry());
-        match locating.relocate(&program, &located) {
+        match locating.relocate(&program, &located, &never) {
             Ok(found) => {
                 let [planned, measured] = found.coverage.expect("asked for");
                 let secs = found.program.cycle_secs;

@@ -99,7 +99,7 @@ fn a_feature_that_gets_nothing_is_warned_of_and_with_strict_exits_with_3() {
     for said in [
         "Regions unmet: 1 of 2 regions and features with a target: \"top\" 0.00 %, target 95.00 %",
         "Region \"side\" (interest;",
-        "Region \"top\" (feature, tolerance 0.05 mm; 2 400.0 mm²",
+        "Region \"top\" (feature, tolerance ±0.025 mm; 2 400.0 mm²",
     ] {
         assert!(summary.contains(said), "{said:?} is not in\n{summary}");
     }

@@ -107,7 +107,7 @@ fn every_file_tells_regions_with_what_is_asked_reached_and_missed() {
     assert_eq!((&top["independent_of_asked"], &top["independently_met"]), (&json!(0.0), &json!(false)), "{top}");
     let min_mm = top["min_tolerance_mm"].as_f64().expect("the finest tolerance");
     assert!((0.155..0.156).contains(&min_mm), "{min_mm}");
-    let noise = "tolerance too fine for the scanner's noise; the finest that this noise allows is 0.156 mm";
+    let noise = "tolerance too fine for the scanner's noise; the finest that this noise allows is ±0.078 mm";
     let begins = "not measured well enough (2 400.0 mm²; ";
     assert!(top["why_unmet"].as_str().is_some_and(|why| why.starts_with(begins) && why.contains(noise)), "{top}");
     let document: PlanDocument = serde_json::from_value(plan).expect("a plan");
@@ -116,7 +116,7 @@ fn every_file_tells_regions_with_what_is_asked_reached_and_missed() {
     let report = text("report.txt");
     for said in [
         "stopped because: regions_unmet",
-        "\"fine <top>\": feature, tolerance 0.050 mm",
+        "\"fine <top>\": feature, tolerance ±0.025 mm",
         "0.0 of 2 400.0 mm² measured, 0.00 %",
         noise,
     ] {

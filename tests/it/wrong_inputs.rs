@@ -197,7 +197,7 @@ fn wrong_params() -> Vec<Wrong> {
         params(
             json!({"regions": {"features": [{"region": {"kind": "faces", "faces": [0]}}]}}),
             "/regions/features/0/tolerance_mm",
-            &["is missing", "Width of the tolerance zone, mm"],
+            &["is missing", "Width of the tolerance zone from limit to limit, mm"],
         ),
         params(
             json!({"motion": {"corners": "round", "table": "alone"}}),

@@ -70,6 +70,7 @@ fn labels_and_numbers_are_held_to_what_the_server_takes() {
         (&["--label", "a=b", "--label", "a=c"], "given twice"),
         (&["--part-number", &longer], "129 characters; allowed are 0 to 128"),
         (&["--serial", "a\tb"], "a control character"),
+        (&["--serial", "a\u{202e}b"], "a control character"),
     ] {
         let ended = run(&[&["plan", &part, "--unit", "mm", "--out", &out][..], options].concat());
         assert!(ended.code == Some(2) && ended.err.contains(said), "{options:?}: {:?} {}", ended.code, ended.err);

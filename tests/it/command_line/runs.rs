@@ -125,6 +125,7 @@ fn ctrl_c_stops_it_in_order_and_says_so() {
     child.stdout.take().expect("its output").read_to_string(&mut out).expect("text");
     assert_eq!(child.wait().expect("its end").code(), Some(4), "{out}\n{rest:?}");
     assert!(out.starts_with("stopped: ") && out.contains("arm: stop sent after") && out.contains("at rest after"), "{out}");
+    assert!(rest.iter().any(|line| line.starts_with("running: ") && line.contains("keep clear")), "{rest:?}");
 }
 
 #[test]

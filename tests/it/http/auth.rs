@@ -205,6 +205,21 @@ async fn keys_of_a_file_are_named_and_exchanged_without_a_restart() {
     api.send("GET", "/api/v1/jobs", &session[..1], "").await.problem("session_ended");
 }
 
+/// A stream went on for whoever had signed out.
+#[tokio::test]
+async fn a_stream_of_events_ends_with_the_session_that_it_was_begun_with() {
+    let api = guarded().await;
+    let begun = api.send("POST", "/api/v1/session", &[("authorization", RIGHT)], "").await;
+    let cookie = sent_back(begun.header("set-cookie"));
+    let stream = axum::http::Request::get("/api/v1/events").header("cookie", &cookie);
+    let stream = api.raw(stream.body(axum::body::Body::empty()).expect("a request")).await;
+    assert_eq!(stream.status(), 200);
+    let session = [("cookie", cookie.as_str()), ("x-vantage-session", "1")];
+    assert_eq!(api.send("DELETE", "/api/v1/session", &session, "").await.status, 204);
+    let rest = tokio::time::timeout(std::time::Duration::from_secs(8), axum::body::to_bytes(stream.into_body(), 1 << 20));
+    rest.await.expect("it ends").expect("the events so far");
+}
+
 #[tokio::test]
 async fn a_job_without_a_key_has_no_sender() {
     let api = Api::start().await;

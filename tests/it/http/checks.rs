@@ -10,6 +10,7 @@ use vantage::planning::context::{Context, Silent};
 use vantage::planning::params::PlanParams;
 use vantage::service::plan_job::{Artifact, PlanJob, plan_sha256};
 use vantage::wire::echo::Echo;
+use vantage::wire::part_size::SizeLimits;
 use vantage::wire::plan::PlanDocument;
 
 use super::api::Api;
@@ -75,6 +76,27 @@ async fn limits_are_held_against_the_scanner_of_a_cell() {
     assert_eq!((&report["sound"], &report["findings"][0]["pointer"]), (&json!(false), &json!("/limits/camera_deg")), "{report}");
     let alone = api.post_json("/api/v1/check", &json!({"document": beyond})).await.ok(200);
     assert_eq!(alone["sound"], true, "it is not known for which scanner: {alone}");
+}
+
+/// The dashboard holds a file against these before it is sent; it had a rule of its own.
+#[tokio::test]
+async fn the_size_of_a_part_that_suits_is_told_of_a_cell_and_of_a_scanner() {
+    let api = Api::start().await;
+    let cell = Presets.cell("e05-transcan").expect("a preset").build(&Presets).expect("valid");
+    let edges = |limits: SizeLimits| json!(limits.edge_mm());
+    for (beside, told) in [
+        (json!({"cell": "e05-transcan"}), edges(SizeLimits::new(&cell.scanner, Some(&cell)))),
+        (json!({"cell": "none", "scanner": "transcan-c"}), edges(SizeLimits::new(&cell.scanner, None))),
+        (json!({}), json!(null)),
+    ] {
+        let mut request = beside.clone();
+        // Parameters that are not sound are no reason to say nothing.
+        for document in [json!({"part": {}}), json!({"part": {}, "scan": {"brightness": 12}})] {
+            request["document"] = document;
+            let report = api.post_json("/api/v1/check", &request).await.ok(200);
+            assert_eq!((&report["kind"], &report["part_edge_mm"]), (&json!("params"), &told), "{beside}: {report}");
+        }
+    }
 }
 
 #[tokio::test]

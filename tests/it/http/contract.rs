@@ -438,6 +438,62 @@ async fn every_result_has_a_route_with_one_media_type() {
     assert_eq!(formed, 12);
 }
 
+/// Tables and texts that `Accept` or a query parameter asks for, and parts of JSON documents, were in no response of the document.
+#[tokio::test]
+async fn every_form_of_a_result_and_its_parts_are_named_in_the_response() {
+    let api = Api::start().await;
+    let job = api.job("").await;
+    api.ended(&job).await;
+    let document = document();
+    let dialects = document["components"]["schemas"]["ProgramDialect"]["enum"].as_array().expect("an enum");
+    let dialects = dialects.iter().filter_map(|dialect| dialect.as_str());
+    let forms: Vec<&str> = ["json", "csv", "html", "text", "bin"].into_iter().chain(dialects).collect();
+    let (mut others, mut in_parts) = (BTreeSet::new(), 0);
+    for (path, item) in document["paths"].as_object().expect("paths") {
+        let (tags, whole) = (&item["get"]["tags"], &item["get"]["responses"]["200"]);
+        let told = whole["description"].as_str().unwrap_or_default();
+        let content: BTreeSet<&str> =
+            whole["content"].as_object().into_iter().flatten().map(|(media, _)| media.as_str()).collect();
+        let is_stored = item["get"]["responses"]["304"].is_object() && (tags[0] == "results" || tags[0] == "inspections");
+        if is_stored && content.contains("application/json") {
+            assert!(told.contains("`Range`") && told.contains("206"), "{path}: {told}");
+            in_parts += 1;
+        }
+        let mut parameters = item["get"]["parameters"].as_array().into_iter().flatten().map(|parameter| &parameter["name"]);
+        let Some(name) = parameters.find(|name| tags[0] == "results" && (**name == "format" || **name == "dialect")) else {
+            continue;
+        };
+        for form in forms.iter().filter(|_| !path.contains("{dialect}")) {
+            let url = format!("{}?{}={form}", path.replace("{id}", &job), name.as_str().expect("a name"));
+            let answer = api.get(&url).await;
+            let media_type = answer.headers.get("content-type").and_then(|kind| kind.to_str().ok()).unwrap_or_default();
+            let media_type = media_type.split(';').next().unwrap_or_default();
+            if answer.status == 200 && !content.contains(media_type) {
+                assert!(told.contains(&format!("`{form}` (`{media_type}`)")), "{url}: {told}");
+                others.insert((path.as_str(), *form));
+            }
+        }
+    }
+    for expected in [("viewpoints", "csv"), ("coverage", "csv"), ("report", "text"), ("program", "csv"), ("program", "hans")] {
+        assert!(others.iter().any(|(path, form)| path.ends_with(expected.0) && *form == expected.1), "{expected:?}: {others:?}");
+    }
+    assert!(in_parts > 10, "{in_parts}");
+    let record = &document["paths"]["/api/v1/runs/{id}/record"]["get"]["responses"]["200"]["description"];
+    assert!(record.as_str().is_some_and(|told| told.contains("text/csv")), "{record}");
+}
+
+/// Names with these characters were refused, and the document's pattern took them.
+#[test]
+fn the_pattern_of_a_file_s_name_leaves_out_what_turns_the_direction_of_text() {
+    let document = document();
+    for path in ["/api/v1/meshes", "/api/v1/jobs/{id}/scans"] {
+        let mut parameters = document["paths"][path]["post"]["parameters"].as_array().expect("parameters").iter();
+        let name = parameters.find(|parameter| parameter["name"] == "name").expect("a name");
+        let pattern = name["schema"]["pattern"].as_str().expect("a pattern");
+        assert!(pattern.contains(r"\u202a-\u202e\u2066-\u2069"), "{path}: {pattern}");
+    }
+}
+
 #[tokio::test]
 async fn page_tokens_are_as_the_document_says() {
     let api = Api::start().await;

@@ -147,6 +147,25 @@ async fn a_request_is_refused_with_every_pointer() {
     assert_eq!(api.get("/api/v1/jobs").await.ok(200)["items"], json!([]));
 }
 
+/// The range of the type was told, -2147483648 to 2147483647.
+#[tokio::test]
+async fn a_number_is_told_the_range_of_its_field_whatever_is_wrong_with_it() {
+    let api = Api::start().await;
+    let mesh = api.mesh().await;
+    for (fields, code, pointer, told) in [
+        (json!({"priority": 101}), "invalid_fields", "/priority", "is 101; allowed is -100 to 100"),
+        (json!({"priority": 1e12}), "bad_shape", "/priority", "is 1000000000000; allowed is -100 to 100"),
+        (json!({"priority": 1.5}), "bad_shape", "/priority", "is 1.5; expected a whole number; allowed is -100 to 100"),
+        (json!({"params": {"setups": 70_000_000_000_u64}}), "bad_shape", "/params/setups", "is 70000000000; allowed is 1 to 4"),
+        (json!({"params": {"setups": -1}}), "bad_shape", "/params/setups", "is -1; allowed is 1 to 4"),
+    ] {
+        let mut job = json!({"mesh_id": mesh, "cell": "none"});
+        job.as_object_mut().expect("an object").extend(fields.as_object().expect("fields").clone());
+        let problem = api.post_json("/api/v1/jobs", &job).await.problem_at(code, &[pointer]);
+        assert_eq!(problem["errors"][0]["detail"], told, "{job}");
+    }
+}
+
 /// Such faces were accepted, and the job failed.
 #[tokio::test]
 async fn faces_and_groups_that_the_part_s_file_does_not_have_are_refused_at_once() {

@@ -100,6 +100,29 @@ async fn a_digest_is_held_against_the_file() {
     }
 }
 
+/// The digest of the content, which RFC 9530 defines, was held against the file in the form and refused.
+#[tokio::test]
+async fn a_digest_of_a_form_is_that_of_the_whole_or_of_its_file() {
+    let api = Api::start().await;
+    let ([kind], body) = form("file");
+    // What follows the last boundary is a part of the content.
+    let body = format!("a preamble\r\n{body}and the end");
+    let encoded = |bytes: &str| format!("sha-256=:{}:", BASE64_STANDARD.encode(Sha256::digest(bytes)));
+    for digest in [encoded(&body), encoded(&cube(10.0))] {
+        let mesh =
+            api.send("POST", "/api/v1/meshes?unit=mm", &[kind, ("content-digest", digest.as_str())], body.clone()).await.ok(201);
+        assert_eq!(mesh["sha256"], sha256(&cube(10.0)));
+    }
+    let other = encoded("another body");
+    let answer = api.send("POST", "/api/v1/meshes?unit=mm", &[kind, ("content-digest", other.as_str())], body.clone()).await;
+    let problem = answer.problem("digest_mismatch");
+    let detail = problem["detail"].as_str().expect("text");
+    for sha256 in [sha256(&body), sha256(&cube(10.0)), sha256("another body")] {
+        assert!(detail.contains(&sha256), "{detail}");
+    }
+    api.nothing_is_left().await;
+}
+
 #[tokio::test]
 async fn what_is_too_large_is_refused_before_and_while_it_comes() {
     let limit = 1000;

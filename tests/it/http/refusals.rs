@@ -283,17 +283,17 @@ async fn every_route_refuses_what_it_cannot_take() {
 
 /// The detail did not name the field, told the texts of two schemas, and had `""` for a header that was not sent.
 #[tokio::test]
-async fn a_single_fault_is_told_in_one_sentence_that_names_the_field_the_value_and_what_is_expected() {
+async fn a_single_fault_is_told_with_the_field_the_value_and_what_is_expected() {
     let api = Api::start().await;
     let json = Some("application/json");
     for (method, path, kind, body, code, pointer, detail) in [
-        ("POST", "jobs", json, "[]", "bad_shape", "", "the body is a list; expected an object"),
-        ("POST", "jobs", json, "[{}]", "bad_shape", "", "the body is a list; expected an object"),
-        ("POST", "calibrations", json, "[{}]", "bad_shape", "", "the body is a list; expected an object"),
-        ("POST", "jobs", json, "{}", "bad_shape", "/mesh_id", "/mesh_id is missing: Id of the mesh to plan for"),
-        ("POST", "jobs", json, "{\"mesh_id\": 3}", "bad_shape", "/mesh_id", "/mesh_id is 3; expected a UUID"),
-        ("POST", "jobs", json, "{\"mesh_id\": \"x\"}", "bad_shape", "/mesh_id", "/mesh_id is \"x\"; expected a UUID"),
-        ("POST", "jobs/batch", json, "{\"jobs\": []}", "invalid_fields", "/jobs", "/jobs has 0 entries; allowed are 1 to 100"),
+        ("POST", "jobs", json, "[]", "bad_shape", "", "the body: is a list; expected an object"),
+        ("POST", "jobs", json, "[{}]", "bad_shape", "", "the body: is a list; expected an object"),
+        ("POST", "calibrations", json, "[{}]", "bad_shape", "", "the body: is a list; expected an object"),
+        ("POST", "jobs", json, "{}", "bad_shape", "/mesh_id", "/mesh_id: is missing: Id of the mesh to plan for"),
+        ("POST", "jobs", json, "{\"mesh_id\": 3}", "bad_shape", "/mesh_id", "/mesh_id: is 3; expected a UUID"),
+        ("POST", "jobs", json, "{\"mesh_id\": \"x\"}", "bad_shape", "/mesh_id", "/mesh_id: is \"x\"; expected a UUID"),
+        ("POST", "jobs/batch", json, "{\"jobs\": []}", "invalid_fields", "/jobs", "/jobs: has 0 entries; allowed are 1 to 100"),
         (
             "POST",
             "leases",
@@ -333,6 +333,25 @@ async fn a_wrong_path_is_told_what_would_be_right_and_a_wrong_method_which_there
     let refused = api.send("DELETE", "/api/v1/jobs", &[], "").await;
     assert_eq!(refused.header("allow"), "GET,HEAD,POST");
     refused.problem("method_not_allowed");
+}
+
+/// OPTIONS was refused, with what was asked for in the refusal (RFC 9110, section 9.3.7).
+#[tokio::test]
+async fn options_tells_the_methods_of_a_route_and_does_nothing() {
+    let api = Api::start().await;
+    let nobody = "0190b6b0-7c1e-7c1e-8c1e-0123456789ab";
+    for (path, methods) in [
+        ("/api/v1/jobs".to_owned(), "GET,HEAD,POST"),
+        ("/api/v1/meshes?unit=mm".to_owned(), "GET,HEAD,POST"),
+        (format!("/api/v1/runs/{nobody}/stop"), "POST"),
+        ("/healthz".to_owned(), "GET,HEAD"),
+        ("/docs/".to_owned(), "GET,HEAD"),
+    ] {
+        let answer = api.send("OPTIONS", &path, &[], "").await;
+        assert_eq!((answer.status.as_u16(), answer.header("allow"), answer.text().as_str()), (204, methods, ""), "{path}");
+        assert!(!answer.header("x-request-id").is_empty(), "{path}");
+    }
+    api.send("OPTIONS", "/api/v1/nowhere", &[], "").await.problem("no_such_route");
 }
 
 /// Retention once deleted when it was asked for a dry run in a body.

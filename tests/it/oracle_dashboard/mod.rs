@@ -10,7 +10,7 @@ use std::process::{Command, Stdio};
 use serde_json::{Value, json};
 
 use crate::server::process::Server;
-use crate::support::{chromium, dashboard_node, dashboard_packages, shared};
+use crate::support::{chromium, dashboard_node, dashboard_packages, oracle_node, shared};
 
 fn sources(folder: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)
@@ -149,6 +149,31 @@ fn the_sources_of_the_dashboard_give_the_bytes_that_are_committed() {
     for (name, bytes) in &built {
         assert!(committed[name] == *bytes, "{name} is not what the sources give: npm ci && npm run build in static/");
     }
+}
+
+/// The types of `static/src/api.ts` are written by hand: nothing held them to the document, and some lacked that a field may be
+/// null.
+#[test]
+fn the_types_of_the_page_are_those_of_the_api_document() {
+    let (Some(modules), Some(generator)) = (dashboard_packages(), oracle_node()) else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir(at("src")).expect("a folder");
+    for name in ["api.ts", "text.ts"] {
+        std::fs::copy(sources("static/src").join(name), at("src").join(name)).expect("copied");
+    }
+    std::fs::copy(sources("tests/oracles/dashboard/api_types.ts"), at("src/api_types.ts")).expect("copied");
+    std::fs::copy(sources("static/tsconfig.json"), at("tsconfig.json")).expect("copied");
+    std::os::unix::fs::symlink(&modules, at("node_modules")).expect("linked");
+    let node = |arguments: &[&str]| {
+        let output = Command::new("node").args(arguments).current_dir(folder.path()).output().expect("it runs");
+        let text = [output.stdout, output.stderr].concat();
+        assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&text));
+    };
+    let (cli, document) = (generator.join("openapi-typescript/bin/cli.js"), sources("api/openapi.json"));
+    let [cli, document] = [&cli, &document].map(|path| path.to_str().expect("text"));
+    node(&[cli, document, "--output", "src/served.ts"]);
+    node(&["node_modules/typescript/bin/tsc", "--noEmit"]);
 }
 
 /// Bytes that a plant's slow link has to carry, and addresses that no page may load from.

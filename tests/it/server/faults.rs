@@ -17,6 +17,7 @@ const ENOSPC: i64 = 28;
 const EIO: i64 = 5;
 const EMFILE: i64 = 24;
 const EAGAIN: i64 = 11;
+const EDQUOT: i64 = 122;
 
 /// A server some of whose writes fail.
 struct Faulty {
@@ -47,7 +48,7 @@ impl Faulty {
         let folder = tempfile::tempdir().expect("a folder");
         let library = library(folder.path())?;
         let (control, data) = (folder.path().join("control"), folder.path().join("data"));
-        std::fs::write(&control, [0; 24]).expect("written");
+        std::fs::write(&control, [0; 32]).expect("written");
         let server = Server::start(
             &data,
             &[
@@ -64,6 +65,12 @@ impl Faulty {
     fn fail(&mut self, nth: i64, errno: i64) {
         self.control.seek(SeekFrom::Start(0)).expect("the beginning");
         self.control.write_all(&[nth.to_ne_bytes(), errno.to_ne_bytes()].concat()).expect("set");
+    }
+
+    /// All that takes room fails with this error from now on; 0 for none.
+    fn refuse_room(&mut self, errno: i64) {
+        self.control.seek(SeekFrom::Start(24)).expect("the last number");
+        self.control.write_all(&errno.to_ne_bytes()).expect("set");
     }
 
     /// Calls counted so far.
@@ -159,4 +166,24 @@ fn any_write_may_fail_in_any_way_and_nothing_acknowledged_is_lost() {
             scope.spawn(move || lives_with(errno, if step == 1 { 1 } else { 1 + offset as i64 * 5 }, step));
         }
     });
+}
+
+/// SQLite tells a write that a quota refuses as any that failed: the answer was 503, and nothing could be deleted.
+#[test]
+fn an_exhausted_quota_is_answered_as_a_full_disk_is() {
+    let Some(mut faulty) = Faulty::start() else { return };
+    let (_, _, mesh) = faulty.server.ask("POST", "/api/v1/meshes?unit=mm", cube(50.0).as_bytes());
+    let job = format!(r#"{{"mesh_id": {}, "cell": "none", "params": {QUICK}}}"#, mesh["id"]);
+    let of_mesh = format!("/api/v1/meshes/{}", mesh["id"].as_str().expect("an id"));
+    faulty.refuse_room(EDQUOT);
+    let other = cube(51.0);
+    for (method, path, body) in
+        [("POST", "/api/v1/meshes?unit=mm", other.as_str()), ("POST", "/api/v1/jobs", &job), ("DELETE", &of_mesh, "")]
+    {
+        let (status, retry_after, problem) = faulty.server.ask(method, path, body.as_bytes());
+        assert_eq!((status, &problem["code"]), (507, &"storage_full".into()), "{method} {path}: {problem}");
+        assert!(retry_after.is_some(), "{method} {path}");
+    }
+    faulty.refuse_room(0);
+    assert_eq!(faulty.server.ask("DELETE", &of_mesh, b"").0, 204);
 }

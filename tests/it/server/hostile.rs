@@ -5,6 +5,7 @@ use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 use super::process::Server;
+use crate::http::api::cube;
 
 const IMPATIENT: [(&str, &str); 2] =
     [("VANTAGE_SERVER__HEADER_TIMEOUT_SECS", "1"), ("VANTAGE_SERVER__BODY_IDLE_TIMEOUT_SECS", "1")];
@@ -147,4 +148,59 @@ fn a_request_behind_a_doubtful_length_is_not_run() {
     assert!(answer.starts_with("HTTP/1.1 4"), "{answer}");
     // Either the whole is refused, or the chunks count and the connection is closed after them (RFC 9112, section 6.1).
     assert!(!answer.contains("\"api\":\"v1\"") || answer.matches("HTTP/1.1").count() <= 2, "{answer}");
+}
+
+/// Head of a response, of which the body is read to its end too.
+fn response_head(stream: &mut TcpStream) -> String {
+    let (mut answer, mut piece) = (Vec::new(), [0; 4096]);
+    loop {
+        let text = String::from_utf8_lossy(&answer);
+        let length = |head: &str| head.lines().find_map(|line| line.strip_prefix("content-length: ")?.parse::<usize>().ok());
+        if let Some((head, body)) = text.split_once("\r\n\r\n").filter(|(head, body)| length(head) == Some(body.len())) {
+            assert!(!body.is_empty(), "{head}");
+            return head.to_owned();
+        }
+        let count = stream.read(&mut piece).expect("an answer");
+        assert!(count > 0, "the connection closed within {text:?}");
+        answer.extend_from_slice(&piece[..count]);
+    }
+}
+
+/// Refusals before the body was read closed the connection without a word, and the client's next request on it was lost.
+#[test]
+fn a_refusal_of_a_body_that_is_still_to_come_says_that_the_connection_closes() {
+    let data = tempfile::tempdir().expect("a folder");
+    let server = Server::start(data.path(), &[]);
+    let json = "content-type: application/json\r\n";
+    // Of the JSON body as much is sent as the server reads of it; of the others nothing.
+    let cases = [
+        ("/api/v1/jobs", json, 2_097_153, "413"),
+        ("/api/v1/jobs", "content-type: text/plain\r\n", 0, "415"),
+        ("/api/v1/nothing", json, 0, "404"),
+        ("/api/v1/retention", json, 100, "400"),
+        ("/api/v1/meshes", "", 0, "400"),
+    ];
+    for (path, headers, sent_bytes, status) in cases {
+        let mut stream = server.connect();
+        let head = format!("POST {path} HTTP/1.1\r\nhost: localhost\r\n{headers}content-length: 3000000\r\n\r\n");
+        stream.write_all(head.as_bytes()).expect("sent");
+        stream.write_all(&vec![b'x'; sent_bytes]).expect("sent");
+        let answer = response_head(&mut stream);
+        assert!(answer.starts_with(&format!("HTTP/1.1 {status} ")), "{path}: {answer}");
+        assert!(answer.contains("\r\nconnection: close"), "{path}: {answer}");
+    }
+    // What was received to its end keeps the connection, a refusal too.
+    let mut stream = server.connect();
+    let file = cube(10.0);
+    for (path, headers, body, status) in [
+        ("/api/v1/meshes?unit=mm", "", file.as_str(), "201"),
+        ("/api/v1/jobs", json, "{}", "422"),
+        ("/api/v1/meshes?unit=mm", "", file.as_str(), "201"),
+    ] {
+        let length = body.len();
+        let request = format!("POST {path} HTTP/1.1\r\nhost: localhost\r\n{headers}content-length: {length}\r\n\r\n{body}");
+        stream.write_all(request.as_bytes()).expect("sent");
+        let answer = response_head(&mut stream);
+        assert!(answer.starts_with(&format!("HTTP/1.1 {status} ")) && !answer.contains("connection:"), "{path}: {answer}");
+    }
 }

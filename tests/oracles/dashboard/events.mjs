@@ -154,6 +154,22 @@ await page.evaluate(async (count) => {
 }, FRAMES);
 const work = (await worked()) - begun;
 assert.ok(work / FRAMES < 33, `a frame of the list of 500 takes ${work / FRAMES} ms of scripts, styles and layout`);
+// The list is as wide as the window, also where rows out of view were wider.
+for (const width of [390, 1280]) {
+  await page.setViewportSize({ width, height: 720 });
+  await page.waitForFunction((width) => innerWidth === width, width);
+  await pause(500);
+  const [inner, outer] = await page.evaluate(() => [document.getElementById("main").scrollWidth, document.getElementById("main").clientWidth]);
+  assert.ok(inner <= outer, `the list is ${inner} pixels wide in ${outer}`);
+}
+// A display on a wall runs for months: of jobs that come one by one, those that have ended do not stay for ever.
+const later = Array.from({ length: 1001 }, (_, i) => ({ ...whole, id: `01a30000-0000-7000-8000-${String(i).padStart(12, "0")}` }));
+const newest = later.slice(-100).reverse();
+await page.unroute("**/api/v1/jobs?page_size=*");
+await page.route("**/api/v1/jobs?page_size=*", (route) => route.fulfill({ json: { items: newest, next_page_token: null } }));
+await page.evaluate((later) => later.forEach((job) => window.vantage.keepJob(job)), later);
+await page.waitForFunction(() => document.querySelectorAll(".job").length === 100);
+assert.equal(await page.locator(".job").first().getAttribute("id"), `job-${newest[0].id}`);
 await browser.close();
 proxy.close();
 proxy.closeAllConnections();
