@@ -27,6 +27,8 @@ const newestFirst = (): void => { jobIds.value = [...jobs.keys()].sort().reverse
 
 function store(job: Job): void {
   const known = jobs.get(job.id);
+  // An answer that was on its way when the end was told: an end is final.
+  if (known && ENDED.includes(known.peek().state) && !ENDED.includes(job.state)) return;
   // Lists lack what only the whole job has.
   if (known) known.value = { ...known.peek(), ...job };
   else if (!deleted.has(job.id)) jobs.set(job.id, signal(job));

@@ -1190,26 +1190,31 @@ async function otherUnits({ mesh }) {
   await fetch(`${base}api/v1/jobs/${made}/cancel`, { method: "POST" });
 }
 
-/** Tells the page other things of a job than the server, in lists too; `answer` gives the response to a request for it. */
-async function pretend(id, told, answer) {
+/** Tells the page other things of a job than the server, in lists too, which wait for `held`; `answer` gives the response to a request for it. */
+async function pretend(id, told, answer, held) {
   await page.route(new RegExp(`/api/v1/jobs/${id}$`), answer);
   await page.route(/\/api\/v1\/jobs\?/, async (route) => {
     const response = await route.fetch();
     const list = await response.json();
+    await held;
     await route.fulfill({ response, json: { ...list, items: list.items.map((job) => (job.id === id ? { ...job, ...told } : job)) } });
   });
 }
 
-/** Of a job whose end is told, what is shown waits until the job is read once more. The page is told of one that has ended that it runs. */
+/**
+ * Of a job whose end is told, what is shown waits until the job is read once more. The page is told of one that has ended that it runs,
+ * also by a list that was on its way when the end was told.
+ */
 async function watched(id, tab, shown) {
   const whole = await api(`/jobs/${id}`);
   const running = { ...whole, state: "running", ended_at: null, summary: null, results: [], timings: {}, warnings: [], problem: null };
   let answer = Promise.resolve();
   let isEnded = false;
+  let list;
   await pretend(id, running, async (route) => {
     await answer;
     return isEnded ? route.continue() : route.fulfill({ json: running });
-  });
+  }, new Promise((done) => { list = done; }));
   await page.goto(`${base}#/jobs/${id}/${tab}`);
   await page.reload();
   const said = (words) => page.locator(".panel > [role=status]", { hasText: words }).waitFor();
@@ -1220,6 +1225,7 @@ async function watched(id, tab, shown) {
   isEnded = true;
   await page.evaluate(({ id, state }) => window.vantage.applyEvent({ id: "", kind: state, data: { job_id: id, state, stage: null, fraction: 1 } }), { id, state: whole.state });
   await said("Loading…");
+  list();
   await page.waitForTimeout(1500);
   assert.equal(await page.locator(".panel").innerText(), "Loading…", "nothing is shown of what is not read");
   deliver();
