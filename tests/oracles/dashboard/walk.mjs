@@ -1230,7 +1230,7 @@ async function watched(id, tab, shown) {
   assert.equal(await page.locator(".panel").innerText(), "Loading…", "nothing is shown of what is not read");
   deliver();
   await page.locator(shown).first().waitFor({ timeout: 60_000 });
-  await page.unrouteAll();
+  await page.unrouteAll({ behavior: "wait" });
 }
 
 /** A doubtful unit is told wherever one looks at the job; other warnings stand in its summary. The page is told of both. */
@@ -1242,7 +1242,7 @@ async function doubtful(id) {
   await page.reload();
   await page.locator(".jobhead .warnings", { hasText: "is part_small" }).waitFor();
   assert.equal(await page.locator(".jobhead .warnings p").count(), 1);
-  await page.unrouteAll();
+  await page.unrouteAll({ behavior: "wait" });
 }
 
 /** Where nothing is any more, the page says so in its own words, and offers no further attempt. */
