@@ -99,7 +99,7 @@ export function CalibrationView({ id }: { id: string }) {
   useEffect(() => {
     if (!job || !isOpen(job)) return undefined;
     const left = new AbortController();
-    void askSeen(`/calibrations/${id}?wait=30s`, left.signal).then(() => left.signal.aborted || reload(), () => {});
+    void askSeen(`/calibrations/${id}?wait=30s`, left.signal).catch(() => new Promise((waited) => { setTimeout(waited, 2000); })).then(() => left.signal.aborted || reload());
     return () => left.abort();
   }, [job]);
   if (error || problem || !job) return <Pending error={error || problem} />;
@@ -167,7 +167,7 @@ function Adopt({ job }: { job: CalibrationJob }) {
     setReplaced(null);
     try {
       await putVersion(`/cells/${encodeURIComponent(name)}`, { ...cell, name }, etag);
-      setSaid(words.adopted);
+      setSaid(name);
     } catch (error) {
       if (!(error instanceof Refused) || error.code !== "precondition_required") throw error;
       setReplaced(error.etag);
@@ -178,7 +178,7 @@ function Adopt({ job }: { job: CalibrationJob }) {
     <div class="actions">
       <label><span>{words.adoptAs}</span><input type="text" name="adopt" maxLength={128} value={name} onInput={(event) => { setName(event.currentTarget.value); setSaid(""); }} /></label>
       <Button kind="primary" disabled={!cell || !name} onClick={() => save()}>{words.adopt}</Button>
-      {said && <a href={hrefOf(["specs", "cells", name])}>{said}</a>}
+      {said && <a href={hrefOf(["specs", "cells", said])}>{words.adopted}</a>}
       {replaced !== null && (
         <Dialog title={words.adopt} onClose={() => setReplaced(null)}>
           <p>{words.replaceSure(name)}</p>

@@ -184,7 +184,9 @@ const pair = (first: string, second: string): string => hrefOf(["compare", first
 
 export function Compare({ first: one, second: two }: { first: string; second: string }) {
   const [first, second] = [one, two].map((id) => (id === "-" ? "" : id)) as [string, string];
-  const { value, error } = useLoaded(async () => (first && second ? Promise.all([sideOf(first), sideOf(second)]) : null), [first, second]);
+  const { value: read, error } = useLoaded(async () => ({ of: one + two, sides: first && second ? await Promise.all([sideOf(first), sideOf(second)]) : null }), [first, second]);
+  // The pair before is not shown for this one while that is read, or cannot be.
+  const value = read?.of === one + two ? read.sides : null;
   const choices = jobIds.value.map((id) => jobSignal(id)!.value).filter((job) => job.state === "succeeded")
     .map((job): [string, string] => [job.id, `${partName(job)} · ${text.jobs.views(job.summary?.views ?? 0)} · ${when(job.created_at)} · ${facts(job)}`]);
   const pick = (label: string, chosen: string, onChange: (id: string) => void) => (

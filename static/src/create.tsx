@@ -510,6 +510,8 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
     const jobs: Job[] = base ? [await startOne(given, base.shape.positions, async () => base.mesh)] : [];
     const problems: string[] = [];
     for (const entry of entries.value) {
+      // Removed while those before it were sent.
+      if (!entries.value.some((other) => other.file === entry.file)) continue;
       try {
         jobs.push(await startOne(given, (await entry.reading)?.positions, () => upload(entry)));
         replace(entry, { isStarted: true });
@@ -530,6 +532,8 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
   const fault = toCorrect() || (base && labels === written(base.job) ? "" : labelFault(labels)) || (first && !unit.value ? text.create.readFirst : "");
   const canStart = Boolean(base ?? first) && Boolean(cell) && !fault && sending.value === 0;
   const meshShown = base?.mesh ?? first?.mesh;
+  // What is filled in before would be overwritten.
+  const isRead = base || !from;
 
   return (
     <section class="create" aria-labelledby="create-title">
@@ -554,10 +558,10 @@ export function Create({ from, set, at: field }: { from: string | null; set: str
         )}
         {meshShown && <Health mesh={meshShown} />}
         {(noApi || noNames) && <p class="problem" role="alert">{noApi || noNames}</p>}
-        {names && choice.value.cell && <HardwareForm choice={choice} names={names} />}
+        {isRead && names && choice.value.cell && <HardwareForm choice={choice} names={names} />}
         {shape && (base || unit.value) && <PlacementForm at={at} isStated={place.value === null && at !== null} onPlace={setPlace} shape={shape}
           note={entries.value.length > 1 ? text.create.placeMany(first!.file.name) : ""} />}
-        {api && (
+        {isRead && api && (
           <details class="group" open={base !== null && field !== null && field !== "cell" && field !== "scanner"}>
             <summary>{text.create.parameters} <span class="soft">{text.create.changed(Object.values(params.value).reduce<number>((sum, group) =>
               sum + (group && typeof group === "object" && !Array.isArray(group) ? Object.keys(group).length : 1), 0))}</span></summary>

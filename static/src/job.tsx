@@ -128,14 +128,17 @@ export function JobView({ id, tab: named }: { id: string; tab: string }) {
   const read = useSignal(jobSignal(id)?.peek());
   const isLost = stream.connection.value === "lost";
   useEffect(() => {
-    if (isLost && read.peek()) return;
+    if (isLost && read.peek()) return undefined;
+    let isCurrent = true;
     problem.value = "";
     const isPlan = tab === "plan";
     if (isPlan) void import("./plan").catch(() => {});
     readJob(id).then((job) => {
       if (isPlan && job.state === "succeeded" && !read.peek()) [`/jobs/${id}/plan`, `/meshes/${job.mesh_id}/preview.glb`, `/jobs/${id}/coverage.bin`, `/jobs/${id}/missed`].forEach(askAhead);
       [read.value, problem.value] = [job, ""];
-    }, (error) => { problem.value = error.message; });
+    }, (error) => { if (isCurrent) problem.value = error.message; });
+    // An earlier attempt may fail after the last one has its answer.
+    return () => { isCurrent = false; };
   }, [id, isLost, retries.value]);
   // A job that is deleted elsewhere leaves the list of those that are known, not its signal.
   const isKnown = useComputed(() => jobIds.value.includes(id));

@@ -76,11 +76,15 @@ function usePlan3d(model: Model, { query, setQuery }: Query): Plan3d {
       if (!isEdited(all)) state.plannedScores.value = made;
     });
   };
+  const asked = useRef(0);
   const askAt = async (hit: Hit | null): Promise<void> => {
+    const turn = (asked.current += 1);
     if (!hit) { state.spot.value = null; setQuery({ spot: undefined }); return; }
     const views = state.views.peek();
     const judgements = await tracer.judge({ optics: model.optics, views: views.map((view) => view.pose), plates: views.map((view) => plateOf(model, view)),
       point: hit.point, normal: hit.normal });
+    // Another spot, or none, was asked for since.
+    if (turn !== asked.current) return;
     const missed = model.missedAt(hit.face);
     state.spot.value = { hit, judgements, meaning: meaningOf(model.bytes[hit.face]!), spot: missed?.spot ?? null, reason: missed?.reason ?? null };
     setQuery({ spot: String(hit.face) });
@@ -149,7 +153,7 @@ function Loaded({ job, model, query, setQuery }: { job: Job; model: Model } & Qu
   }, [stage, setup]);
   useEffect(() => {
     const face = query.get("spot");
-    if (face === null || !(Number(face) < model.mesh.faces)) state.spot.value = null;
+    if (face === null || !(Number(face) < model.mesh.faces)) void state.askAt(null);
     else if (String(state.spot.peek()?.hit.face) !== face) void state.askAt(hitOf(model, Number(face)));
   }, [visits.value]);
   useEffect(() => {

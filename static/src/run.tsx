@@ -23,11 +23,12 @@ const OVER = ["done", "stopped", "failed"];
 const stateName = (state: string): string => words.states[state] ?? state;
 
 export function RunList(_: object) {
-  const { value, error, reload, more } = useNewest<Run>("/runs");
+  const { value, error, told, reload, more } = useNewest<Run>("/runs");
+  // After the answer: a list that takes longer is not given up for the next one.
   useEffect(() => {
-    const timer = setInterval(reload, 5000);
-    return () => clearInterval(timer);
-  }, []);
+    const timer = setTimeout(reload, 5000);
+    return () => clearTimeout(timer);
+  }, [told]);
   return (
     <section class="runs" aria-labelledby="runs-title">
       <h1 id="runs-title">{words.title}</h1>
@@ -120,15 +121,18 @@ function useRun(first: Run) {
     void readRecord();
     return () => left.abort();
   }, []);
+  // Of two answers the one that was asked for last is the newer, whichever comes first.
+  const turns = useRef({ asked: 0, shown: 0 }).current;
   const read = async (isEnd = false): Promise<void> => {
     for (;;) {
+      const turn = (turns.asked += 1);
       const asked = isEnd ? askSeen<Run>(`/runs/${first.id}?wait=20s`, left.signal) : ask<Run>(`/runs/${first.id}`);
       const fresh = await asked.catch((error: unknown) => error);
       if (isGone(fresh)) return;
       if (!(fresh instanceof Error)) {
         const told = fresh as Run;
         // An answer that was under way at the end is older than the end.
-        if (OVER.includes(told.state) || !OVER.includes(run.peek().state)) run.value = told;
+        if (turn > turns.shown && (OVER.includes(told.state) || !OVER.includes(run.peek().state))) [run.value, turns.shown] = [told, turn];
         // The record has the time of each step; the curves so far are as the page counted it.
         if (OVER.includes(told.state)) return readRecord();
       }
@@ -150,7 +154,7 @@ function useRun(first: Run) {
         // Half of the samples goes when there are too many, so that an hour takes no more memory than a minute; a pause takes one.
         const kept = known.length >= MAX_SAMPLES ? known.filter((_, i) => i % 2 === 0) : spent > 0 ? known : known.slice(0, -1);
         samples.value = [...kept, { secs: (last?.secs ?? 0) + spent, step, deviation_deg, measured }];
-        run.value = { ...run.peek(), step, state };
+        if (!OVER.includes(run.peek().state)) run.value = { ...run.peek(), step, state };
         return;
       }
       log.value = [...log.peek().slice(-MAX_LOG), { ...(data as LogEntry), kind }];

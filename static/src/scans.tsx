@@ -57,7 +57,10 @@ function Upload({ job, views, onDone }: { job: Job; views: number[]; onDone: () 
     entries.value = [...entries.peek(), ...fresh.map((file): Entry => ({ file, view: "", share: 0, problem: "" }))];
   };
   const send = async (): Promise<void> => {
-    for (const { file, view } of entries.peek()) {
+    for (const { file } of entries.peek()) {
+      // As it stands now: one that waits may be removed, or given another view.
+      const view = entries.peek().find((other) => other.file === file)?.view;
+      if (view === undefined) continue;
       replace(file, { share: 0.001, problem: "" });
       try {
         await uploadScan(job.id, file, { view, unit, frame }, (share) => replace(file, { share: Math.max(0.001, share) }));

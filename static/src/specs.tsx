@@ -8,7 +8,7 @@ import { commonField, opticsOf } from "./optics";
 import { matrixOf, poseOf, rigOf, type BoardPose } from "./poses";
 import { ReachPanel } from "./reachpanel";
 import { apiDocument, ObjectField, toCorrect, useUnread } from "./schema";
-import { goTo, hrefOf, length, lengthIn, lengthUnit, sizes, unit } from "./settings";
+import { goTo, hrefOf, length, lengthIn, lengthUnit, sizes, unit, visits } from "./settings";
 import { Arm, bodyMesh, bodyMeshes, frustums, lines, place, plateOf, type BodyMeshes } from "./solids";
 import { STANDARD_VIEWS, type Stage } from "./stage";
 import { text } from "./text";
@@ -69,13 +69,15 @@ function Editor({ kind, item, onChanged }: { kind: string; item: Item; onChanged
   const report = useCheck(spec);
   if (error || !spec || !api) return <Pending error={error || noApi} />;
   const etag = stored || loaded!.etag;
+  /** Goes on to another document unless the reader has gone elsewhere meanwhile. */
+  const goOn = (from: number, ...path: string[]): void => { if (visits.peek() === from) goTo(hrefOf(["specs", kind, ...path])); };
   const save = async (): Promise<void> => {
-    const isSame = saveAs === item.name;
+    const [isSame, from] = [saveAs === item.name, visits.peek()];
     const tag = await putVersion(`/${kind}/${encodeURIComponent(saveAs)}`, { ...spec, name: saveAs }, isSame ? etag : "").catch(inWords);
     if (isSame) setStored(tag);
     setSaid(words.saved);
     onChanged();
-    if (!isSame) goTo(hrefOf(["specs", kind, saveAs]));
+    if (!isSame) goOn(from, saveAs);
   };
   return (
     <>
@@ -89,7 +91,7 @@ function Editor({ kind, item, onChanged }: { kind: string; item: Item; onChanged
         <p class="actions sticky">
           <label><span>{words.saveAs}</span><input type="text" maxLength={128} value={saveAs} onInput={(event) => setSaveAs(event.currentTarget.value)} /></label>
           <Button kind="primary" disabled={report?.sound === false || toCorrect() !== "" || !saveAs || (item.preset && saveAs === item.name)} onClick={save}>{words.save}</Button>
-          {!item.preset && <ConfirmButton label={words.remove} sure={text.sure(item.name)} onConfirm={() => remove(path, undefined, { "If-Match": etag }).catch(inWords).then(() => { onChanged(); goTo(hrefOf(["specs", kind])); })} />}
+          {!item.preset && <ConfirmButton label={words.remove} sure={text.sure(item.name)} onConfirm={(from = visits.peek()) => remove(path, undefined, { "If-Match": etag }).catch(inWords).then(() => { onChanged(); goOn(from); })} />}
           <span class={toCorrect() ? "problem" : "good"} role="status">{toCorrect() || said}</span>
         </p>
       </div>

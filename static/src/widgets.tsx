@@ -212,8 +212,9 @@ export function Dialog({ title, onClose, children }: { title: string; onClose?: 
   );
 }
 
-/** Value of a promise, read anew when a key changes; what failed, when the server is back or the reader asks for it. */
-export function useLoaded<T>(load: () => Promise<T>, keys: unknown[]): { value: T | null; error: string; reload: () => void } {
+/** Value of a promise, read anew when a key changes; what failed, when the server is back or the reader asks for it. `told` is another
+ * one with each answer. */
+export function useLoaded<T>(load: () => Promise<T>, keys: unknown[]): { value: T | null; error: string; told: unknown; reload: () => void } {
   const [state, setState] = useState<{ value: T | null; error: string }>({ value: null, error: "" });
   const [turn, setTurn] = useState(0);
   const isLost = stream.connection.value === "lost";
@@ -230,13 +231,13 @@ export function useLoaded<T>(load: () => Promise<T>, keys: unknown[]): { value: 
     );
     return () => { isCurrent = false; };
   }, [...keys, turn]);
-  return { ...state, reload: () => setTurn((value) => value + 1) };
+  return { ...state, told: state, reload: () => setTurn((value) => value + 1) };
 }
 
 const PAGE_SIZE = 100;
 
 /** The newest entries of a list, and with `more` as many older ones again. */
-export function useNewest<T>(path: string): { value: Page<T> | null; error: string; reload: () => void; more: () => void } {
+export function useNewest<T>(path: string): { value: Page<T> | null; error: string; told: unknown; reload: () => void; more: () => void } {
   const [wanted, setWanted] = useState(PAGE_SIZE);
   return { ...useLoaded(() => askPages<T>(path, wanted), [path, wanted]), more: () => setWanted(wanted + PAGE_SIZE) };
 }
