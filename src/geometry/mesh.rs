@@ -1,5 +1,6 @@
 //! The triangle mesh every stage works on: welded, without degenerate triangles, in millimetres, part frame.
 
+use super::parallel;
 use nalgebra::{Point3, Vector3};
 
 /// Axis-aligned bounding box in millimetres.
@@ -94,7 +95,13 @@ impl Mesh {
     /// Area of the whole surface.
     #[must_use]
     pub fn area_mm2(&self) -> f64 {
-        (0..self.faces.len()).map(|face| self.face_area_mm2(face)).sum()
+        self.face_areas_mm2().iter().sum()
+    }
+
+    /// Area of every triangle, in their order.
+    #[must_use]
+    pub(crate) fn face_areas_mm2(&self) -> Vec<f64> {
+        parallel::map_range(self.faces.len(), |face| self.face_area_mm2(face))
     }
 
     /// Bounding box.

@@ -7,9 +7,9 @@
 //! | 16 + i | mostly missed; cause `i` of the closed list, counted from 0, is that of most of the missed area |
 //! | 255 | mostly not asked for |
 
-use std::ops::Range;
+use std::borrow::Cow;
+use std::cmp::Ordering;
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{ObjectBuilder, Schema, Type};
@@ -18,7 +18,7 @@ use utoipa::{PartialSchema, ToSchema};
 use super::csv::Csv;
 use super::plan::CoverageDocument;
 use super::schema_name::schema_name;
-use super::tally::{Tally, by_group};
+use super::tally::{GroupRun, Tally, of_groups};
 use crate::geometry::{Mesh, NOT_DRAWN, Preview};
 use crate::planning::plan::{Cause, Grade, Outcome, Verdict};
 
@@ -31,9 +31,6 @@ pub const COVERAGE_SCHEMA: &str = "vantage.coverage/1";
 const FIRST_CAUSE: u8 = 16;
 /// Byte of `coverage.bin` for faces that are not asked for.
 const NOT_ASKED: u8 = 255;
-/// Rows that are written side by side, and those of a thread among them: their tallies are in memory at the same time.
-const ROWS_AT_A_TIME: usize = 65_536;
-const ROWS_TOGETHER: usize = 4096;
 /// Share from which on a part of a face counts as all of it: sums over samples are not exact to the last bit.
 const WHOLE: f64 = 1.0 - 1e-9;
 
@@ -99,10 +96,12 @@ impl ToSchema for FaceMeaning {}
 /// Builds the document of an outcome; `plan_sha256` is the hash of the plan's file.
 #[must_use]
 pub fn json(outcome: &Outcome, mesh: &Mesh, plan_sha256: &str) -> CoverageListing {
-    let mut faces = FaceCounts::default();
-    for (_, tally) in by_source_face(outcome, mesh) {
-        faces.count(&tally);
-    }
+    let count = |run: GroupRun| {
+        let mut faces = FaceCounts::default();
+        run.groups.iter().for_each(|(_, tally)| faces.count(tally));
+        faces
+    };
+    let faces = of_source_faces(outcome, mesh, count).into_iter().fold(FaceCounts::default(), FaceCounts::and);
     CoverageListing {
         schema: COVERAGE_SCHEMA.to_owned(),
         plan_sha256: plan_sha256.to_owned(),
@@ -113,6 +112,16 @@ pub fn json(outcome: &Outcome, mesh: &Mesh, plan_sha256: &str) -> CoverageListin
 }
 
 impl FaceCounts {
+    fn and(self, more: Self) -> Self {
+        Self {
+            total: self.total + more.total,
+            measured: self.measured + more.measured,
+            partly_measured: self.partly_measured + more.partly_measured,
+            missed: self.missed + more.missed,
+            not_asked: self.not_asked + more.not_asked,
+        }
+    }
+
     fn count(&mut self, tally: &Tally) {
         let asked_mm2 = tally.area_mm2 - tally.not_asked_mm2;
         self.total += 1;
@@ -140,27 +149,16 @@ pub fn csv(outcome: &Outcome, mesh: &Mesh, plan_sha256: &str) -> String {
     columns.push("plan_sha256");
     let mut csv = Csv::new(&columns);
     let views_of = |face: u32| pixel_views.as_ref().map(|views| views[face as usize]);
-    let with_dropped = |next: &mut u32, (face, tally): (u32, Tally)| {
-        let dropped = std::mem::replace(next, face + 1)..face;
-        Some((dropped, face, tally))
-    };
-    let mut faces = by_source_face(outcome, mesh).scan(0, with_dropped);
-    let rows = |faces: &[(Range<u32>, u32, Tally)]| {
-        let mut csv = Csv::rows();
-        for (dropped, face, tally) in faces {
-            dropped.clone().for_each(|face| face_row(&mut csv, face, &Tally::default(), views_of(face), plan_sha256));
-            face_row(&mut csv, *face, tally, views_of(*face), plan_sha256);
+    let rows = |run: GroupRun| {
+        let (mut csv, mut next) = (Csv::rows(), run.begin);
+        for (face, tally) in run.groups {
+            (next..face).for_each(|face| face_row(&mut csv, face, &Tally::default(), views_of(face), plan_sha256));
+            face_row(&mut csv, face, &tally, views_of(face), plan_sha256);
+            next = face + 1;
         }
         csv.finish()
     };
-    loop {
-        let batch: Vec<_> = faces.by_ref().take(ROWS_AT_A_TIME).collect();
-        if batch.is_empty() {
-            break;
-        }
-        let written: Vec<String> = batch.par_chunks(ROWS_TOGETHER).map(rows).collect();
-        written.iter().for_each(|rows| csv.add_rows(rows));
-    }
+    csv.add_all_rows(of_source_faces(outcome, mesh, rows));
     csv.finish()
 }
 
@@ -177,7 +175,7 @@ fn max_by_source_face(of_triangles: &[u32], mesh: &Mesh) -> Vec<u32> {
 fn face_row(csv: &mut Csv, face: u32, tally: &Tally, pixel_views: Option<u32>, plan_sha256: &str) {
     csv.number(face);
     csv.number(tally.area_mm2);
-    csv.optional((tally.area_mm2 > 0.0).then(|| format!("{:.6}", tally.measured_mm2() / tally.area_mm2)));
+    csv.optional((tally.area_mm2 > 0.0).then(|| six_decimals(tally.measured_mm2() / tally.area_mm2)));
     csv.text(tally.grade().map_or("", grade_name));
     let not_asked = tally.area_mm2 > 0.0 && tally.not_asked_mm2 >= tally.area_mm2 * WHOLE;
     csv.text(if not_asked { "not_asked" } else { tally.cause().map_or("", Cause::as_str) });
@@ -187,20 +185,31 @@ fn face_row(csv: &mut Csv, face: u32, tally: &Tally, pixel_views: Option<u32>, p
     csv.end_row();
 }
 
+/// A share with six decimals. Most faces are measured whole or not at all, and the formatter is slowest on whole numbers.
+fn six_decimals(share: f64) -> Cow<'static, str> {
+    match share.total_cmp(&1.0) {
+        Ordering::Equal => Cow::Borrowed("1.000000"),
+        Ordering::Less | Ordering::Greater if share > 0.0 => Cow::Owned(format!("{share:.6}")),
+        Ordering::Less | Ordering::Greater => Cow::Borrowed("0.000000"),
+    }
+}
+
 /// `coverage.bin`: one byte per face of `preview`, which must be a preview of the planned mesh.
 #[must_use]
 pub fn bin(outcome: &Outcome, preview: &Preview) -> Vec<u8> {
     let mut bytes = vec![NOT_ASKED; preview.faces.len()];
-    for (face, tally) in by_group(outcome, |patch| preview.face_of_triangle[patch.face as usize]) {
-        if face != NOT_DRAWN {
-            bytes[face as usize] = byte(tally.majority());
-        }
-    }
+    let of_run = |run: GroupRun| -> Vec<(u32, u8)> {
+        let drawn = run.groups.into_iter().filter(|(face, _)| *face != NOT_DRAWN);
+        drawn.map(|(face, tally)| (face, byte(tally.majority()))).collect()
+    };
+    let drawn = of_groups(outcome, |patch| preview.face_of_triangle[patch.face as usize], of_run);
+    drawn.into_iter().flatten().for_each(|(face, byte)| bytes[face as usize] = byte);
     bytes
 }
 
-fn by_source_face(outcome: &Outcome, mesh: &Mesh) -> impl Iterator<Item = (u32, Tally)> {
-    by_group(outcome, |patch| mesh.source_face[patch.face as usize])
+/// Results of `work` for the tallies of the file's faces.
+fn of_source_faces<R: Send>(outcome: &Outcome, mesh: &Mesh, work: impl Fn(GroupRun) -> R + Sync) -> Vec<R> {
+    of_groups(outcome, |patch| mesh.source_face[patch.face as usize], work)
 }
 
 fn byte(verdict: Verdict) -> u8 {

@@ -28,9 +28,10 @@ impl Csv {
         Self { text: String::new(), row_is_empty: true }
     }
 
-    /// Adds finished rows.
-    pub(crate) fn add_rows(&mut self, rows: &str) {
-        self.text.push_str(rows);
+    /// Adds finished rows, one piece after the other.
+    pub(crate) fn add_all_rows(&mut self, pieces: Vec<String>) {
+        self.text.reserve_exact(pieces.iter().map(String::len).sum());
+        pieces.into_iter().for_each(|rows| self.text.push_str(&rows));
     }
 
     /// Adds a cell of text that may come from a user.

@@ -1,5 +1,7 @@
 //! Verdicts on a group of patches, by area: the common basis of the face table, the preview's bytes and the
-//! pictures. Cost: O(samples), few tallies in memory at a time, so that ten million faces need no gigabytes.
+//! pictures. Cost: O(samples) on all threads, few tallies in memory at a time, so that ten million faces need no gigabytes.
+
+use rayon::prelude::*;
 
 use crate::planning::plan::{Cause, Grade, Outcome, Verdict};
 use crate::planning::surface::Patch;
@@ -7,6 +9,8 @@ use crate::planning::surface::Patch;
 #[cfg(test)]
 mod tests;
 
+/// Patches whose groups a thread tallies at once.
+const PATCHES_A_RUN: usize = 4096;
 const GRADES: [Grade; 4] = [Grade::A, Grade::B, Grade::C, Grade::D];
 
 /// Areas of a group of patches, summed over samples.
@@ -83,18 +87,52 @@ fn largest(areas_mm2: &[f64]) -> Option<usize> {
     (0..areas_mm2.len()).fold(None, better)
 }
 
-/// Tallies of all groups that have patches, in ascending order of their numbers.
-pub(crate) fn by_group(outcome: &Outcome, group_of: impl Fn(&Patch) -> u32) -> impl Iterator<Item = (u32, Tally)> {
-    let mut order: Vec<(u32, u32)> = outcome.surface.patches.iter().map(group_of).zip(0..).collect();
+/// Consecutive groups that have patches, with the number of the group before them.
+pub(crate) struct GroupRun {
+    /// Number after that of the group before the first; 0 where there is none.
+    pub(crate) begin: u32,
+    /// Number and tally of each, ascending.
+    pub(crate) groups: Vec<(u32, Tally)>,
+}
+
+/// Results of `work` for runs of groups, which follow each other in ascending order of their numbers.
+pub(crate) fn of_groups<R: Send>(
+    outcome: &Outcome,
+    group_of: impl Fn(&Patch) -> u32 + Sync,
+    work: impl Fn(GroupRun) -> R + Sync,
+) -> Vec<R> {
+    of_groups_of(&outcome.surface.patches, &outcome.verdicts, group_of, work)
+}
+
+fn of_groups_of<R: Send>(
+    patches: &[Patch],
+    verdicts: &[Verdict],
+    group_of: impl Fn(&Patch) -> u32 + Sync,
+    work: impl Fn(GroupRun) -> R + Sync,
+) -> Vec<R> {
+    let mut order: Vec<(u32, u32)> = patches.par_iter().map(&group_of).zip(0..patches.len() as u32).collect();
     // Patches are mostly in this order already, which this sort handles in one pass.
     order.sort();
-    let mut runs = order.into_iter().peekable();
-    std::iter::from_fn(move || {
-        let (group, _) = *runs.peek()?;
+    let tally = |run: &[(u32, u32)]| {
         let mut tally = Tally::default();
-        while let Some((_, patch)) = runs.next_if(|next| next.0 == group) {
-            tally.add_patch(&outcome.surface.patches[patch as usize], &outcome.verdicts);
-        }
-        Some((group, tally))
-    })
+        run.iter().for_each(|(_, patch)| tally.add_patch(&patches[*patch as usize], verdicts));
+        (run[0].0, tally)
+    };
+    let of_run = |begin: usize| {
+        let [first, end] = [begin, begin + PATCHES_A_RUN].map(|place| first_of_a_group(&order, place));
+        let groups: Vec<(u32, Tally)> = order[first..end].chunk_by(|a, b| a.0 == b.0).map(tally).collect();
+        let begin = first.checked_sub(1).map_or(0, |before| order[before].0 + 1);
+        (!groups.is_empty()).then(|| work(GroupRun { begin, groups }))
+    };
+    let begins: Vec<usize> = (0..order.len()).step_by(PATCHES_A_RUN).collect();
+    begins.into_par_iter().filter_map(of_run).collect()
+}
+
+/// First place from `place` on at which a group begins, or the end.
+fn first_of_a_group(order: &[(u32, u32)], place: usize) -> usize {
+    if place == 0 || place >= order.len() {
+        return place.min(order.len());
+    }
+    let before = order[place - 1].0;
+    place + order[place..].partition_point(|(group, _)| *group == before)
 }

@@ -19,7 +19,7 @@ use crate::planning::params::{CandidateParams, Hemisphere, Standoff};
 use crate::planning::problem::{ChosenViews, ViewPlanningProblem};
 use crate::planning::setups::{self, Setup};
 use crate::planning::stations::Station;
-use crate::planning::visibility::{self, Optics, Probe, Row};
+use crate::planning::visibility::{self, Optics, Probe, Row, UnitedViews};
 
 /// Samples that stand for what a view contributes.
 const MAX_SAMPLES: usize = 400;
@@ -68,15 +68,8 @@ pub(super) fn slid(
         return Ok(slid_views);
     }
     let (ctx, known) = (ctx.silent(), problem.known());
-    let optics = Optics::new(problem.input.scanner, problem.params, &problem.surface.requirements);
-    let mut guard = Guard::new(problem, ViewId::number(views.iter().copied()));
-    for (view, candidate) in ViewId::number(&mut slid_views) {
-        ctx.check()?;
-        let slide = SlidingView { problem, optics: &optics, guard: &guard, view, candidate: *candidate };
-        let before = graded(problem, *candidate);
-        let Some(slid) = slide.better(&before, setups, &ctx)? else { continue };
-        guard.exchange(view, &before, &slid.row);
-        *candidate = slid.join(problem);
+    for (view, slid) in slides(problem, setups, views, &ctx)? {
+        slid_views[view.index()] = slid.join(problem);
     }
     if joins::must_join(problem) && !joins::are_joined(problem, &slid_views) {
         problem.forget_from(known);
@@ -85,10 +78,39 @@ pub(super) fn slid(
     Ok(slid_views)
 }
 
+/// Views that slide, each where those before it have slid.
+fn slides(
+    problem: &ViewPlanningProblem<'_>,
+    setups: &[Setup<'_>],
+    views: &[CandidateIndex],
+    ctx: &Context<'_>,
+) -> Result<Vec<(ViewId, Slid)>, Cancelled> {
+    let optics = Optics::new(problem.input.scanner, problem.params, &problem.surface.requirements);
+    let occluders = setups.iter().map(|setup| &setup.occluders);
+    let evaluators: Vec<UnitedViews<'_>> =
+        occluders.map(|occluders| UnitedViews::new(&problem.surface, &optics, occluders, problem.params, ctx)).collect();
+    let mut guard = Guard::new(problem, ViewId::number(views.iter().copied()));
+    let mut slides = Vec::new();
+    for (view, candidate) in ViewId::number(views.iter().copied()) {
+        ctx.check()?;
+        let setup = problem.candidates[candidate].setup.index();
+        let (setup, evaluator) = (&setups[setup], &evaluators[setup]);
+        let slide = SlidingView { problem, setup, optics: &optics, evaluator, guard: &guard, view, candidate };
+        let before = graded(problem, candidate);
+        if let Some(slid) = slide.better(&before, ctx)? {
+            guard.exchange(view, &before, &slid.row);
+            slides.push((view, slid));
+        }
+    }
+    Ok(slides)
+}
+
 /// A chosen view that may slide.
 struct SlidingView<'a, 'b> {
     problem: &'a ViewPlanningProblem<'b>,
+    setup: &'a Setup<'b>,
     optics: &'a Optics,
+    evaluator: &'a UnitedViews<'a>,
     guard: &'a Guard,
     view: ViewId,
     candidate: CandidateIndex,
@@ -107,15 +129,15 @@ impl SlidingView<'_, '_> {
     }
 
     /// The view slid to where it scores higher, or half as far, where nothing is lost by it and the cell can take it.
-    fn better(&self, before: &Row, setups: &[Setup<'_>], ctx: &Context<'_>) -> Result<Option<Slid>, Cancelled> {
+    fn better(&self, before: &Row, ctx: &Context<'_>) -> Result<Option<Slid>, Cancelled> {
         let contributed = self.contributed(before);
-        let forward_mm = if self.of().is_given { 0.0 } else { self.best_move_mm(&setups[self.of().setup.index()], &contributed) };
+        let forward_mm = if self.of().is_given { 0.0 } else { self.best_move_mm(&contributed) };
         for forward_mm in [forward_mm, 0.5 * forward_mm] {
             if forward_mm.abs() < MIN_MOVE_MM {
                 break;
             }
             let pose = moved(&self.of().part_from_scanner, forward_mm);
-            if let Some(slid) = self.slid(&setups[self.of().setup.index()], pose, ctx)? {
+            if let Some(slid) = self.slid(pose, ctx)? {
                 let change = self.guard.change(self.problem, self.view, before, &slid.row);
                 if change.score_mm2 > 0.0 && change.loses_nothing() {
                     return Ok(Some(slid));
@@ -136,11 +158,11 @@ impl SlidingView<'_, '_> {
     }
 
     /// The move forward by which the contributed samples score highest, mm. What hides them is taken not to change.
-    fn best_move_mm(&self, setup: &Setup<'_>, contributed: &[(SampleId, f64)]) -> f64 {
+    fn best_move_mm(&self, contributed: &[(SampleId, f64)]) -> f64 {
         let surface = &self.problem.surface;
         let score = |forward_mm: f64| {
             let pose = moved(&self.of().part_from_scanner, forward_mm);
-            let probe = Probe::new(self.optics, &pose, setup.occluders.rays());
+            let probe = Probe::new(self.optics, &pose, self.setup.occluders.rays());
             let value = |sample: SampleId| {
                 let (normal, kind) = (&surface.patch_of(sample).normal, surface.requirements.kind(sample));
                 let quality = probe.before_shadow(&surface.sample_mm[sample.index()], normal, kind).ok()?;
@@ -160,8 +182,8 @@ impl SlidingView<'_, '_> {
     }
 
     /// The view at `pose`; `None` where it may not stand there, or the cell cannot take it.
-    fn slid(&self, setup: &Setup<'_>, pose: Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<Option<Slid>, Cancelled> {
-        let (problem, input) = (self.problem, self.problem.input);
+    fn slid(&self, pose: Pose<Part, ScannerFrame>, ctx: &Context<'_>) -> Result<Option<Slid>, Cancelled> {
+        let (problem, setup, input) = (self.problem, self.setup, self.problem.input);
         let CandidateParams { hemisphere, min_elevation_deg, .. } = problem.params.candidates;
         let above_only = hemisphere == Some(Hemisphere::AboveTable);
         if above_only && !setups::is_above(&pose, &setup.table_from_part, input.scanner, min_elevation_deg) {
@@ -172,19 +194,13 @@ impl SlidingView<'_, '_> {
             Ok(stations) => stations,
             Err(_) => return Ok(None),
         };
-        let (occluders, params) = (&setup.occluders, problem.params);
-        let matrix = visibility::cast(&problem.surface, &[pose], &[true], input.scanner, occluders, params, ctx)?;
-        let mut rows = matrix.rows.iter().map(|row| visibility::grade(&problem.surface, &pose, input.scanner, params, row));
-        let Some(mut row) = rows.next() else { return Ok(None) };
+        let measured = self.evaluator.shared_row(&pose, &self.evaluator.nothing())?;
+        let mut row = visibility::grade(&problem.surface, &pose, input.scanner, problem.params, &measured);
         if let (Some(scene), Some(stations)) = (&setup.scene, &mut stations) {
             scene.keep_in_sight(&problem.surface, &pose, stations, &mut row, ctx)?;
         }
-        let candidate = Candidate {
-            id: CandidateId::at(problem.candidates.generated),
-            part_from_scanner: pose,
-            slid_from: Some(self.candidate),
-            ..self.of().clone()
-        };
+        // Its number is given once it joins the candidates.
+        let candidate = Candidate { part_from_scanner: pose, slid_from: Some(self.candidate), ..self.of().clone() };
         Ok(Some(Slid { candidate, stations, row }))
     }
 }
@@ -192,8 +208,9 @@ impl SlidingView<'_, '_> {
 impl Slid {
     /// Adds the view to the candidates; returns its place among them.
     fn join(self, problem: &mut ViewPlanningProblem<'_>) -> CandidateIndex {
+        let id = CandidateId::at(problem.candidates.generated);
         problem.candidates.generated += 1;
-        problem.candidates.remaining.push(self.candidate);
+        problem.candidates.remaining.push(Candidate { id, ..self.candidate });
         problem.matrix.rows.push(self.row);
         if let (Some(reach), Some(stations)) = (&mut problem.reach, self.stations) {
             reach.push(Ok(stations));

@@ -30,7 +30,7 @@ use super::sight::Sight;
 use super::sight::sky::{Sky, SkyProbe, stands_on};
 use super::surface::{Surface, requirements};
 use super::visibility::{self, Occluders, Row, SampleSet};
-use crate::geometry::{Part, Pose, RayScene, ScannerFrame, Table};
+use crate::geometry::{Part, Pose, RayScene, ScannerFrame, Table, parallel};
 
 /// Triangles up to which every one has a second sample of its own; a finer mesh gets as many samples, by area. The standard error of a share
 /// of 97 % is then below 0.03 points: √(p (1 − p) / n), less for samples that are spread over the part (Cochran 1977, chapter 8).
@@ -155,10 +155,12 @@ impl<'a> SecondSampling<'a> {
         ctx: &Context<'_>,
     ) -> Result<(Independent, Vec<IndependentRegion>), Cancelled> {
         let poses: Vec<_> = self.views().map(|(_, view)| *view).collect();
-        let mut rows = self.rows(&poses, &ctx.silent())?;
-        for (row, view) in rows.iter_mut().zip(&poses) {
-            *row = visibility::grade(&self.surface, view, self.input.scanner, &self.params, row);
-        }
+        let rows = self.rows(&poses, &ctx.silent())?;
+        let views: Vec<(&Row, &Pose<Part, ScannerFrame>)> = rows.iter().zip(&poses).collect();
+        let grade = |(row, view): &(&Row, &Pose<Part, ScannerFrame>)| {
+            visibility::grade(&self.surface, view, self.input.scanner, &self.params, row)
+        };
+        let rows = parallel::map(&views, grade);
         let mut is_measured = SampleSet::none_of(self.asked_area_mm2.len());
         rows.iter().for_each(|row| is_measured.insert_all(row.measured()));
         let rows = self.counted(&self.surface, rows, &poses, &ctx.silent())?;

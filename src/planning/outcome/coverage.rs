@@ -14,7 +14,7 @@ pub(super) fn of(problem: &ViewPlanningProblem<'_>, chosen: &ChosenViews, measur
     let ViewPlanningProblem { surface, asked_area_mm2, .. } = problem;
     let mut coverage = Coverage {
         total_area_mm2: surface.area_where(|_| true),
-        asked_area_mm2: surface.area_where(|sample| surface.asked[sample.index()]),
+        asked_area_mm2: asked_area_mm2.iter().sum(),
         coverable_area_mm2: coverable_mm2(&problem.rows(&problem.usable()), asked_area_mm2),
         optically_coverable_area_mm2: optically_coverable_mm2(problem),
         ..Coverage::default()

@@ -2,6 +2,7 @@
 
 use nalgebra::Point3;
 
+use crate::geometry::parallel;
 use crate::planning::ids::SampleId;
 use crate::planning::plan::{Grade, MeasuredArea, WITHIN_DEG};
 use crate::planning::surface::Surface;
@@ -15,8 +16,9 @@ pub(in crate::planning) fn measured_area<'a>(
 ) -> MeasuredArea {
     let mut best = vec![None; asked_area_mm2.len()];
     for (viewpoint_mm, row) in views {
-        for (sample, quality) in row.graded() {
-            let cos = cos_incidence(surface, sample, &viewpoint_mm);
+        let graded: Vec<(SampleId, f32)> = row.graded().collect();
+        let cosines = parallel::map(&graded, |(sample, _)| cos_incidence(surface, *sample, &viewpoint_mm));
+        for ((sample, quality), cos) in graded.into_iter().zip(cosines) {
             let (best_quality, best_cos) = best[sample.index()].get_or_insert((quality, cos));
             (*best_quality, *best_cos) = (best_quality.max(quality), best_cos.max(cos));
         }

@@ -77,26 +77,41 @@ pub(super) struct BlockSegment {
     pub(super) mask: u64,
 }
 
-/// Adds what a row measures of each segment to the segment's sum, in the units of that sum.
+/// Sum over what a row measures of the segments of each sum, in the units of that sum.
 pub(super) fn segment_sums(words: &[u64], segments: &[BlockSegment], units_of: &[&[i64]], level: SimdLevel) -> Vec<i64> {
-    struct Sums<'a, 'b>(&'a [u64], &'a [BlockSegment], &'a [&'b [i64]], Vec<i64>);
-    impl Kernel for Sums<'_, '_> {
-        type Output = Vec<i64>;
+    let mut sums = vec![0; units_of.len()];
+    change_sums(&mut sums, words, (segments, &[]), units_of, level);
+    sums
+}
+
+/// Adds to each sum what a row measures of its segments of the first list, and takes away what it measures of those of the second.
+pub(super) fn change_sums(
+    sums: &mut [i64],
+    words: &[u64],
+    (joined, left): (&[BlockSegment], &[BlockSegment]),
+    units_of: &[&[i64]],
+    level: SimdLevel,
+) {
+    struct Change<'a, 'b>(&'a mut [i64], &'a [u64], [&'a [BlockSegment]; 2], &'a [&'b [i64]]);
+    impl Kernel for Change<'_, '_> {
+        type Output = ();
 
         #[inline(always)]
-        fn run(mut self) -> Vec<i64> {
-            for segment in self.1 {
-                let mask = self.0.get(segment.block as usize).copied().unwrap_or(0) & segment.mask;
-                if mask != 0 {
-                    let units = self.2[segment.sum as usize];
-                    let first = segment.block as usize * BLOCK;
-                    self.3[segment.sum as usize] += masked_sum(&units[first..units.len().min(first + BLOCK)], mask);
+        fn run(self) {
+            let Self(sums, words, lists, units_of) = self;
+            for (segments, sign) in lists.into_iter().zip([1, -1]) {
+                for segment in segments {
+                    let mask = words.get(segment.block as usize).copied().unwrap_or(0) & segment.mask;
+                    if mask != 0 {
+                        let units = units_of[segment.sum as usize];
+                        let first = segment.block as usize * BLOCK;
+                        sums[segment.sum as usize] += sign * masked_sum(&units[first..units.len().min(first + BLOCK)], mask);
+                    }
                 }
             }
-            self.3
         }
     }
-    level.run(Sums(words, segments, units_of, vec![0; units_of.len()]))
+    level.run(Change(sums, words, [joined, left], units_of));
 }
 
 #[cfg(test)]
@@ -126,6 +141,10 @@ mod tests {
             assert_eq!(count_in(&words, &[u64::MAX, 0, 0xff, u64::MAX], level), 64 + 3 + 4, "{}", level.as_str());
             let sums = segment_sums(&words, &segments, &[&units, &units], level);
             assert_eq!(sums, [of_sum(0), of_sum(1)], "{}", level.as_str());
+            let mut changed = [7, 7];
+            change_sums(&mut changed, &words, (&segments[..2], &segments), &[&units, &units], level);
+            let first_two = segment_sums(&words, &segments[..2], &[&units, &units], level);
+            assert_eq!(changed, [0, 1].map(|sum| 7 + first_two[sum] - sums[sum]), "{}", level.as_str());
         }
     }
 }

@@ -10,7 +10,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::blocks::{BLOCK, BlockSegment, masked_sum, segment_sums};
+use super::blocks::{BLOCK, BlockSegment, change_sums, masked_sum, segment_sums};
 use super::greedy::{self, BatchQueue};
 use super::improve_score;
 use super::overlap::Overlap;
@@ -36,7 +36,7 @@ const STEPS_A_ROW: u64 = 8;
 /// Pairs of sample and row that a segment of a row counts for: most rows measure nothing of it, others all of its 64.
 const PAIRS_A_SEGMENT: u64 = 8;
 /// Blocks whose segments a thread finds at once.
-const BLOCKS_A_TASK: usize = 256;
+const BLOCKS_A_TASK: usize = 64;
 /// Numbers of [`KeptUnits`] at most, 32 MB; of larger tables with many views or regions every step computes them anew.
 const MAX_KEPT_UNITS: usize = 4_000_000;
 /// Rows of a table that one thread takes at once.
@@ -269,17 +269,15 @@ impl<'a> CoverState<'a> {
         let blocks = exchange.problem.asked_area_mm2.len().div_ceil(BLOCK);
         let tasks: Vec<usize> = (0..blocks).step_by(BLOCKS_A_TASK).collect();
         let of_task = |first: &usize| segments_of(goals, &measured, *first..blocks.min(first + BLOCKS_A_TASK));
-        let parts: Vec<(Vec<BlockSegment>, Vec<i64>)> = parallel::map(&tasks, of_task);
-        let mut covered = vec![0; goals.len()];
-        parts.iter().for_each(|(_, part)| covered.iter_mut().zip(part).for_each(|(covered, part)| *covered += part));
-        let segments: Vec<BlockSegment> = parts.into_iter().flat_map(|(segments, _)| segments).collect();
-        let mut lost = vec![vec![0; rows.len()]; goals.len()];
-        for BlockSegment { block, sum, mask } in &segments {
-            let (goal, view) = (*sum as usize / (rows.len() + 1), *sum as usize % (rows.len() + 1));
-            if let Some(lost) = lost[goal].get_mut(view) {
-                *lost += masked_sum(goals[goal].of_block(*block as usize), *mask);
-            }
+        let parts: Vec<PartialCover> = parallel::map(&tasks, of_task);
+        let (mut covered, mut alone) = (vec![0; goals.len()], vec![0; goals.len() * (rows.len() + 1)]);
+        let add = |sums: &mut [i64], part: &[i64]| sums.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+        for part in &parts {
+            add(&mut covered, &part.covered);
+            add(&mut alone, &part.alone);
         }
+        let lost = alone.chunks_exact(rows.len() + 1).map(|goal| goal[..rows.len()].to_vec()).collect();
+        let segments = parts.into_iter().flat_map(|part| part.segments).collect();
         Self { goals, segments, lost, covered }
     }
 
@@ -300,10 +298,21 @@ fn together(of_goals: impl Iterator<Item = i64>) -> i64 {
     of_goals.fold(0, i64::saturating_add)
 }
 
-/// Segments of some blocks, see [`CoverState::segments`], and the units of each goal that the views cover there.
-fn segments_of(goals: &[Units], measured: &[&Row], blocks: Range<usize>) -> (Vec<BlockSegment>, Vec<i64>) {
-    let (mut segments, mut covered) = (Vec::new(), vec![0; goals.len()]);
-    let mut words = vec![0; measured.len()];
+/// Cover of some blocks.
+struct PartialCover {
+    /// See [`CoverState::segments`].
+    segments: Vec<BlockSegment>,
+    /// Units covered of each goal.
+    covered: Vec<i64>,
+    /// Units of each sum of the segments; 0 for those of no view, which nothing asks for.
+    alone: Vec<i64>,
+}
+
+fn segments_of(goals: &[Units], measured: &[&Row], blocks: Range<usize>) -> PartialCover {
+    let views = measured.len();
+    let mut part =
+        PartialCover { segments: Vec::new(), covered: vec![0; goals.len()], alone: vec![0; goals.len() * (views + 1)] };
+    let mut words = vec![0; views];
     for block in blocks {
         let (mut once, mut twice) = (0, 0);
         for (word, row) in words.iter_mut().zip(measured) {
@@ -311,15 +320,21 @@ fn segments_of(goals: &[Units], measured: &[&Row], blocks: Range<usize>) -> (Vec
             twice |= once & *word;
             once |= *word;
         }
-        for ((goal, covered), first) in goals.iter().zip(&mut covered).zip((0..).step_by(words.len() + 1)) {
-            let counted = goal.counted(block);
-            *covered += masked_sum(goal.of_block(block), once & counted);
-            let alone = words.iter().map(|word| word & !twice).chain([!once]);
-            let masks = (first..).zip(alone.map(|mask| mask & counted)).filter(|(_, mask)| *mask != 0);
-            segments.extend(masks.map(|(sum, mask)| BlockSegment { block: block as u32, sum, mask }));
+        for (number, goal) in goals.iter().enumerate() {
+            let (first, units, counted) = (number * (views + 1), goal.of_block(block), goal.counted(block));
+            part.covered[number] += masked_sum(units, once & counted);
+            let masks = words.iter().map(|word| word & !twice & counted).enumerate().filter(|(_, mask)| *mask != 0);
+            for (view, mask) in masks {
+                part.alone[first + view] += masked_sum(units, mask);
+                part.segments.push(BlockSegment { block: block as u32, sum: (first + view) as u32, mask });
+            }
+            let open = !once & counted;
+            if open != 0 {
+                part.segments.push(BlockSegment { block: block as u32, sum: (first + views) as u32, mask: open });
+            }
         }
     }
-    (segments, covered)
+    part
 }
 
 /// Prices exchanges of chosen views: the deficit that each leaves.
@@ -406,12 +421,10 @@ impl<'a> KeptUnits<'a> {
         ctx: &Context<'_>,
     ) -> Result<Self, Cancelled> {
         let (before, now) = (&self.pricer.state.segments, &pricer.state.segments);
-        let (joined, left) = (beyond(now, before), beyond(before, now));
+        let (joined, left) = rayon::join(|| beyond(now, before), || beyond(before, now));
         let update = |(row, regained): (&&Row, &mut Vec<i64>)| {
             ctx.check()?;
-            let sums = |segments| segment_sums(row.words(), segments, &pricer.units, ctx.simd_level());
-            let changes = sums(&joined).into_iter().zip(sums(&left));
-            regained.iter_mut().zip(changes).for_each(|(units, (joined, left))| *units += joined - left);
+            change_sums(regained, row.words(), (&joined, &left), &pricer.units, ctx.simd_level());
             Ok::<(), Cancelled>(())
         };
         let of_rows = problem.rows.par_iter().zip(&mut self.regained).with_min_len(ROWS_A_TASK);

@@ -6,6 +6,8 @@
 //!
 //! Part frame, millimetres. Cost: O(patches + samples); about 130 bytes a patch and 31 a sample.
 
+use std::ops::Range;
+
 use nalgebra::{Point3, Vector3};
 
 use super::context::{Context, PlanError, Refusal};
@@ -13,7 +15,7 @@ use super::ids::{PatchId, SampleId};
 use super::params::{PartParams, Region, RegionParams};
 use super::random::split_mix;
 use crate::cell::FieldError;
-use crate::geometry::Mesh;
+use crate::geometry::{Mesh, parallel};
 
 mod little_asked;
 mod region_finder;
@@ -37,6 +39,8 @@ const MAX_SAMPLES: f64 = 40e6;
 
 /// Patches, or samples, between two looks at whether to go on.
 const PATCHES_PER_LOOK: usize = 4096;
+/// Triangles that a thread cuts at once.
+const FACES_A_BLOCK: usize = 4096;
 
 /// A facet after refinement; of a surface that views are chosen on, one of which a sample stands for its stratum.
 #[derive(Clone, Copy, Debug)]
@@ -102,22 +106,59 @@ impl Surface {
     /// Area of each sample, 0 where it is not asked for.
     #[must_use]
     pub fn asked_area_mm2(&self) -> Vec<f64> {
-        let area = |sample: SampleId| if self.asked[sample.index()] { self.sample_area_mm2(sample) } else { 0.0 };
-        self.samples().map(area).collect()
+        self.areas_where(|sample| self.asked[sample.index()])
     }
 
     /// Sum of the areas of the samples that `keep` accepts, in sample order.
     #[must_use]
-    pub fn area_where(&self, keep: impl Fn(SampleId) -> bool) -> f64 {
-        self.samples().filter(|sample| keep(*sample)).map(|sample| self.sample_area_mm2(sample)).sum()
+    pub fn area_where(&self, keep: impl Fn(SampleId) -> bool + Sync) -> f64 {
+        self.areas_where(keep).iter().sum()
+    }
+
+    /// Area of each sample, 0 where `keep` refuses it.
+    fn areas_where(&self, keep: impl Fn(SampleId) -> bool + Sync) -> Vec<f64> {
+        parallel::map_range(self.sample_mm.len(), |index| {
+            let sample = SampleId::at(index);
+            if keep(sample) { self.sample_area_mm2(sample) } else { 0.0 }
+        })
     }
 
     /// Resamples the patches, each of which stands for its area as before; nothing of the surface is asked yet.
     fn with_samples(&self, samples: &[u32], seed: u64) -> Self {
-        let mut surface = Self { centre_mm: self.centre_mm, ..Self::default() };
-        for (patch, samples) in self.patches.iter().zip(samples) {
-            push_patch(&mut surface, patch.corners_mm, patch.face, patch.normal, *samples, seed);
-            surface.patches.last_mut().into_iter().for_each(|own| own.area_mm2 = patch.area_mm2);
+        let patch = |(patch, samples): (&Patch, &u32)| Patch { samples: *samples, ..*patch };
+        Self::of_patches(vec![self.patches.iter().zip(samples).map(patch).collect()], self.centre_mm, seed)
+    }
+
+    /// Places the samples of patches, block after block, which have no first sample yet; nothing of the surface is asked yet.
+    fn of_patches(blocks: Vec<Vec<Patch>>, centre_mm: Point3<f64>, seed: u64) -> Self {
+        let (mut patches, mut first_patches) = (0, Vec::with_capacity(blocks.len()));
+        for block in &blocks {
+            first_patches.push(patches);
+            patches += block.len();
+        }
+        let points = |block: usize| {
+            let numbered = (first_patches[block] as u32..).zip(&blocks[block]);
+            let points = numbered.flat_map(|(number, patch)| {
+                let point = move |index| sample_point(&patch.corners_mm, (number, index), seed, &centre_mm);
+                (0..patch.samples).map(move |index| (point(index), PatchId(number)))
+            });
+            points.unzip()
+        };
+        let placed: Vec<(Vec<Point3<f64>>, Vec<PatchId>)> = parallel::map_range(blocks.len(), points);
+        let samples = placed.iter().map(|(points, _)| points.len()).sum();
+        let mut surface = Self { centre_mm, ..Self::default() };
+        surface.patches.reserve_exact(patches);
+        surface.sample_mm.reserve_exact(samples);
+        surface.sample_patch.reserve_exact(samples);
+        let mut next = 0;
+        for (block, (mut points, mut numbers)) in blocks.into_iter().zip(placed) {
+            surface.patches.extend(block.into_iter().map(|patch| {
+                let first_sample = SampleId::at(next);
+                next += patch.samples as usize;
+                Patch { first_sample, ..patch }
+            }));
+            surface.sample_mm.append(&mut points);
+            surface.sample_patch.append(&mut numbers);
         }
         surface
     }
@@ -170,54 +211,79 @@ pub fn sample_for(
     cut(mesh, params, regions, seed, || Ok(ctx.check()?))
 }
 
-fn cut<E: From<Vec<FieldError>>>(
+fn cut<E: From<Vec<FieldError>> + Send>(
     mesh: &Mesh,
     params: &PartParams,
     regions: &RegionParams,
     seed: u64,
-    check: impl Fn() -> Result<(), E>,
+    check: impl Fn() -> Result<(), E> + Sync,
 ) -> Result<Surface, E> {
     let params = resolve(params, mesh);
     let (edge_mm, density) = (params.patch_edge_mm.unwrap_or(f64::INFINITY), params.samples_per_mm2.unwrap_or(0.0));
     refuse_too_many(mesh, &params)?;
     let excluded = excluded(mesh, regions)?;
-    let mut surface = Surface { centre_mm: mesh.aabb().centre(), ..Surface::default() };
-    let mut stack = Vec::new();
-    for face in 0..mesh.faces.len() {
-        let normal = mesh.scaled_normal(face).normalize().map(rounded);
-        stack.push(mesh.corners(face));
-        while let Some(corners) = stack.pop() {
-            if surface.patches.len().is_multiple_of(PATCHES_PER_LOOK) {
-                check()?;
-            }
-            match halves(&corners, edge_mm) {
-                Some([first, second]) => stack.extend([second, first]),
-                None => {
-                    let samples = (triangle_mm2(&corners) * density).round().max(1.0) as u32;
-                    push_patch(&mut surface, corners, face as u32, normal, samples, seed);
-                }
-            }
-        }
-    }
+    let faces = mesh.faces.len();
+    let block = |number: usize| {
+        let first = number * FACES_A_BLOCK;
+        patches_of(mesh, first..faces.min(first + FACES_A_BLOCK), (edge_mm, density), &check)
+    };
+    let blocks = parallel::try_map_range(faces.div_ceil(FACES_A_BLOCK), block)?;
+    let mut surface = Surface::of_patches(blocks, mesh.aabb().centre(), seed);
     surface.asked = asked(mesh, &surface, &excluded, check)?;
     Ok(surface)
 }
 
+/// Patches of some triangles, without their first samples.
+fn patches_of<E>(
+    mesh: &Mesh,
+    faces: Range<usize>,
+    (edge_mm, density): (f64, f64),
+    check: impl Fn() -> Result<(), E>,
+) -> Result<Vec<Patch>, E> {
+    let mut patches = Vec::with_capacity(faces.len());
+    let mut stack = Vec::new();
+    for face in faces {
+        let normal = patch_normal(mesh, face);
+        stack.push(mesh.corners(face));
+        while let Some(corners_mm) = stack.pop() {
+            if patches.len().is_multiple_of(PATCHES_PER_LOOK) {
+                check()?;
+            }
+            match halves(&corners_mm, edge_mm) {
+                Some([first, second]) => stack.extend([second, first]),
+                None => {
+                    let area_mm2 = triangle_mm2(&corners_mm);
+                    let samples = (area_mm2 * density).round().max(1.0) as u32;
+                    patches.push(Patch { corners_mm, face: face as u32, normal, area_mm2, first_sample: SampleId(0), samples });
+                }
+            }
+        }
+    }
+    Ok(patches)
+}
+
+/// Unit normal of a triangle, each component a whole f32.
+fn patch_normal(mesh: &Mesh, face: usize) -> Vector3<f64> {
+    mesh.scaled_normal(face).normalize().map(rounded)
+}
+
 /// True for each sample that no excluded region holds.
-fn asked<E>(
+fn asked<E: Send>(
     mesh: &Mesh,
     surface: &Surface,
     excluded: &[RegionFinder<'_>],
-    check: impl Fn() -> Result<(), E>,
+    check: impl Fn() -> Result<(), E> + Sync,
 ) -> Result<Vec<bool>, E> {
-    let asked = |sample: SampleId| {
-        if sample.index().is_multiple_of(PATCHES_PER_LOOK) {
+    if excluded.is_empty() {
+        return Ok(vec![true; surface.sample_mm.len()]);
+    }
+    parallel::try_map_range(surface.sample_mm.len(), |index| {
+        if index.is_multiple_of(PATCHES_PER_LOOK) {
             check()?;
         }
-        let source_face = mesh.source_face[surface.patch_of(sample).face as usize];
-        Ok(!excluded.iter().any(|region| region.holds(source_face, &surface.sample_mm[sample.index()])))
-    };
-    surface.samples().map(asked).collect()
+        let source_face = mesh.source_face[surface.patch_of(SampleId::at(index)).face as usize];
+        Ok(!excluded.iter().any(|region| region.holds(source_face, &surface.sample_mm[index])))
+    })
 }
 
 /// Places, among some regions of the mesh, of those that hold none of the samples.
@@ -239,14 +305,14 @@ pub fn empty_regions<'a>(mesh: &Mesh, surface: &Surface, regions: impl Iterator<
 #[must_use]
 pub(super) fn expected(mesh: &Mesh, params: &PartParams) -> [f64; 2] {
     let (edge_mm, density) = (params.patch_edge_mm.unwrap_or(f64::INFINITY), params.samples_per_mm2.unwrap_or(0.0));
-    let (mut patches, mut area_mm2) = (0.0, 0.0);
-    for face in 0..mesh.faces.len() {
+    let of_face = |face: usize| {
         let (longest_mm, face_mm2) = (longest_edge_mm(&mesh.corners(face)), mesh.face_area_mm2(face));
         // Bisection leaves patches of at least about e²/8, except along slivers, where it halves the length.
         let cuts = if longest_mm > edge_mm { 2.0 * longest_mm / edge_mm } else { 0.0 };
-        patches += 1.0 + cuts + 8.0 * face_mm2 / (edge_mm * edge_mm);
-        area_mm2 += face_mm2;
-    }
+        [1.0 + cuts + 8.0 * face_mm2 / (edge_mm * edge_mm), face_mm2]
+    };
+    let of_faces = parallel::map_range(mesh.faces.len(), of_face);
+    let [patches, area_mm2] = of_faces.iter().fold([0.0, 0.0], |[patches, mm2], face| [patches + face[0], mm2 + face[1]]);
     [patches, patches + density * area_mm2]
 }
 
@@ -277,17 +343,6 @@ fn halves(corners: &[Point3<f64>; 3], edge_mm: f64) -> Option<[[Point3<f64>; 3];
     let (a, b, c) = (corners[longest], corners[(longest + 1) % 3], corners[(longest + 2) % 3]);
     let middle = nalgebra::center(&a, &b);
     Some([[a, middle, c], [middle, b, c]])
-}
-
-fn push_patch(surface: &mut Surface, corners: [Point3<f64>; 3], face: u32, normal: Vector3<f64>, samples: u32, seed: u64) {
-    let patch = surface.patches.len() as u32;
-    let area_mm2 = triangle_mm2(&corners);
-    let first_sample = SampleId::at(surface.sample_mm.len());
-    surface.patches.push(Patch { corners_mm: corners, face, normal, area_mm2, first_sample, samples });
-    for index in 0..samples {
-        surface.sample_mm.push(sample_point(&corners, (patch, index), seed, &surface.centre_mm));
-        surface.sample_patch.push(PatchId(patch));
-    }
 }
 
 /// Point `index` of a patch, its offset from the part's centre a whole f32.

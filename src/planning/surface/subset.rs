@@ -1,9 +1,7 @@
 //! Some of a surface's samples as a surface of its own, each standing for an area of its own there: what is asked of many views or
 //! poses need not be asked at every sample.
 
-use nalgebra::Point3;
-
-use super::{PATCHES_PER_LOOK, Patch, Surface, excluded, push_patch, rounded};
+use super::{Patch, Surface, asked, excluded, patch_normal};
 use crate::geometry::Mesh;
 use crate::planning::context::{Context, PlanError};
 use crate::planning::ids::{PatchId, SampleId};
@@ -57,26 +55,21 @@ pub(super) fn sample_some_and_all_of(
     ctx: &Context<'_>,
 ) -> Result<Surface, PlanError> {
     let excluded = excluded(mesh, regions)?;
-    let mut areas_mm2 = Vec::with_capacity(mesh.faces.len());
-    for face in 0..mesh.faces.len() {
-        if face.is_multiple_of(PATCHES_PER_LOOK) {
-            ctx.check()?;
-        }
-        areas_mm2.push(mesh.face_area_mm2(face));
-    }
+    ctx.check()?;
+    let mut areas_mm2 = mesh.face_areas_mm2();
     let part_mm2 = areas_mm2.iter().sum::<f64>() / max as f64;
-    let mut surface = Surface { centre_mm: mesh.aabb().centre(), ..Surface::default() };
     let own: Vec<(u32, f64)> = own.iter().map(|face| (*face, std::mem::take(&mut areas_mm2[*face as usize]))).collect();
     let others = systematic(&areas_mm2, max).into_iter().map(|(SampleId(face), area_mm2)| (face, area_mm2));
-    for (face, area_mm2) in others.chain(own) {
-        let normal = mesh.scaled_normal(face as usize).normalize().map(rounded);
-        let (first, samples) = (surface.sample_mm.len(), (area_mm2 / part_mm2).round().max(1.0) as u32);
-        push_patch(&mut surface, mesh.corners(face as usize), face, normal, samples, seed);
-        surface.patches.last_mut().into_iter().for_each(|patch| patch.area_mm2 = area_mm2);
-        let source_face = mesh.source_face[face as usize];
-        let is_excluded = |p: &Point3<f64>| excluded.iter().any(|region| region.holds(source_face, p));
-        surface.asked.extend(surface.sample_mm[first..].iter().map(|p| !is_excluded(p)));
-    }
+    let patch = |(face, area_mm2): (u32, f64)| Patch {
+        corners_mm: mesh.corners(face as usize),
+        face,
+        normal: patch_normal(mesh, face as usize),
+        area_mm2,
+        first_sample: SampleId(0),
+        samples: (area_mm2 / part_mm2).round().max(1.0) as u32,
+    };
+    let mut surface = Surface::of_patches(vec![others.chain(own).map(patch).collect()], mesh.aabb().centre(), seed);
+    surface.asked = asked(mesh, &surface, &excluded, || Ok::<_, PlanError>(ctx.check()?))?;
     Ok(surface)
 }
 

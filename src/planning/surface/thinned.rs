@@ -16,6 +16,7 @@ use std::collections::{BTreeMap, HashMap};
 use nalgebra::Vector3;
 
 use super::{Patch, Surface};
+use crate::geometry::parallel;
 use crate::planning::ids::{PatchId, SampleId};
 
 /// Samples that a part is chosen on by default, but for its size.
@@ -163,24 +164,38 @@ impl Surface {
     }
 }
 
+/// Cell, bin of the normal, kind of requirement, and whether it is asked for.
+type StratumKey = ([i32; 3], [i8; 3], u16, bool);
+
 /// Stratum of each sample, and the strata in the order of their first samples.
 fn stratify(whole: &Surface, cell_mm: f64) -> (Vec<u32>, Vec<Stratum>) {
-    let mut number_of: HashMap<([i32; 3], [i8; 3], u16, bool), u32> = HashMap::new();
-    let mut strata: Vec<Stratum> = Vec::new();
-    let stratum = |sample: SampleId| {
-        let offset_mm: Vector3<f64> = whole.sample_mm[sample.index()] - whole.centre_mm;
+    let key = |index: usize| -> (StratumKey, f64) {
+        let sample = SampleId::at(index);
+        let offset_mm: Vector3<f64> = whole.sample_mm[index] - whole.centre_mm;
         let cell = offset_mm.map(|mm| (mm / cell_mm).floor() as i32).into();
-        let (kind, asked) = (whole.requirements.kind(sample), whole.asked[sample.index()]);
-        let number = *number_of.entry((cell, bin(&whole.patch_of(sample).normal), kind, asked)).or_insert_with(|| {
-            strata.push(Stratum { kind, ..Stratum::default() });
-            (strata.len() - 1) as u32
-        });
+        let key = (cell, bin(&whole.patch_of(sample).normal), whole.requirements.kind(sample), whole.asked[index]);
+        (key, whole.sample_area_mm2(sample))
+    };
+    let keys = parallel::map_range(whole.sample_mm.len(), key);
+    let mut number_of: HashMap<StratumKey, u32> = HashMap::new();
+    let mut strata: Vec<Stratum> = Vec::new();
+    let mut last: Option<(StratumKey, u32)> = None;
+    let stratum = |(key, area_mm2): (StratumKey, f64)| {
+        // Neighbours are often of one stratum.
+        let number = match last {
+            Some((last, number)) if last == key => number,
+            _ => *number_of.entry(key).or_insert_with(|| {
+                strata.push(Stratum { kind: key.2, ..Stratum::default() });
+                (strata.len() - 1) as u32
+            }),
+        };
+        last = Some((key, number));
         let stratum = &mut strata[number as usize];
         stratum.samples += 1;
-        stratum.area_mm2 += whole.sample_area_mm2(sample);
+        stratum.area_mm2 += area_mm2;
         number
     };
-    let stratum_of = whole.samples().map(stratum).collect();
+    let stratum_of = keys.into_iter().map(stratum).collect();
     (stratum_of, strata)
 }
 

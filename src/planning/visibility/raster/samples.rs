@@ -59,8 +59,10 @@ impl Samples {
             let patches = by_face[first_patch[*face as usize]..first_patch[*face as usize + 1]].iter();
             patches.flat_map(|patch| samples_of[*patch as usize].clone())
         };
-        let order: Vec<u32> = order.filter(|face| (*face as usize) < faces).collect();
-        let mut numbers: Vec<u32> = order.par_iter().flat_map_iter(of_face).collect();
+        let mut in_order = Vec::with_capacity(faces);
+        in_order.extend(order.filter(|face| (*face as usize) < faces));
+        let mut numbers: Vec<u32> = Vec::with_capacity(surface.sample_mm.len());
+        numbers.par_extend(in_order.par_iter().flat_map_iter(of_face));
         numbers.par_chunks_mut(NEIGHBOURS).for_each(|numbers| numbers.sort_by_cached_key(|number| side(surface, *number)));
         let chunks: Vec<&[u32]> = numbers.chunks(SAMPLES).collect();
         Self { clusters: parallel::map(&chunks, |numbers| SampleCluster::new(surface, numbers)) }
