@@ -2,9 +2,10 @@
 stand-off and at the first surface, and writes a row each.
 
     python standoff_rows.py plan VANTAGE MESHES ROWS.csv [SIZE:CELL ...]
+    python standoff_rows.py before OLD_VANTAGE MESHES ROWS.csv [SIZE:CELL ...]
     python standoff_rows.py table ROWS.csv > STANDOFF_ROWS.md
 
-Rows that a file has already are not planned again. Needs trimesh (tests/oracles/requirements.txt).
+OLD_VANTAGE is the program of 98dd5fe, the release before the slide rule. Rows that a file has already are not planned again. Needs trimesh (tests/oracles/requirements.txt).
 """
 import csv
 import json
@@ -23,6 +24,9 @@ KINDS = {
     "first": ["candidates.standoff=first_surface", "selection.solver=greedy"],
     "first_fewest": ["candidates.standoff=first_surface"],
 }
+# What the release before the slide rule is run with; it has no option that leaves out its report.
+BEFORE = "before"
+MAX_SECS = 1200
 ROOMS = [f"{size}:{cell}" for size in (120, 30, 300, 500) for cell in ("cell", "none")]
 COLUMNS = (
     "part size_mm cell kind views candidates idle measured_pct coverable_pct grade_a_pct grade_ab_pct stopped_because cpu_s why"
@@ -43,24 +47,34 @@ def figures(plan):
     ]
 
 
+def options(kind, cell):
+    """Options of a plan, beside its part and folder."""
+    if kind == BEFORE:
+        return ["--cell", "none", "--scanner", "transcan-c"] if cell == "none" else []
+    fixed = ["--report", "none", "--set", "missed.advice=false"] + (["--cell", "none"] if cell == "none" else [])
+    return fixed + [option for setting in KINDS[kind] for option in ("--set", setting)]
+
+
 def planned(vantage, part, cell, kind, out):
     """Result of one plan on one thread: its figures or why there are none, and seconds of CPU."""
     shutil.rmtree(out, ignore_errors=True)
-    command = [vantage, "plan", part, "--unit", "mm", "--out", out, "--report", "none", "--set", "missed.advice=false"]
-    command += ["--cell", "none"] if cell == "none" else []
-    command += [option for setting in KINDS[kind] for option in ("--set", setting)]
+    command = [vantage, "plan", part, "--unit", "mm", "--out", out, *options(kind, cell)]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    run = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "RAYON_NUM_THREADS": "1"})
+    try:
+        run = subprocess.run(command, capture_output=True, text=True, timeout=MAX_SECS, env={**os.environ, "RAYON_NUM_THREADS": "1"})
+        why = (run.stderr.strip().splitlines() or ["no plan"])[-1][:120]
+    except subprocess.TimeoutExpired:
+        why = f"more than {MAX_SECS // 60} minutes"
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     path = out / "plan.json"
     if path.exists():
         return figures(json.loads(path.read_text())), cpu_s, ""
-    return [""] * 8, cpu_s, (run.stderr.strip().splitlines() or ["no plan"])[-1][:120]
+    return [""] * 8, cpu_s, why
 
 
-def plan(vantage, meshes, rows, rooms):
-    """Plans what `rows` lacks."""
+def plan(vantage, meshes, rows, rooms, all_kinds):
+    """Plans what `rows` lacks of some kinds."""
     import trimesh
 
     done = set()
@@ -74,7 +88,7 @@ def plan(vantage, meshes, rows, rooms):
             writer.writerow(COLUMNS)
         for size, cell in (room.split(":") for room in rooms or ROOMS):
             for path in paths:
-                kinds = [kind for kind in KINDS if (path.name, size, cell, kind) not in done]
+                kinds = [kind for kind in all_kinds if (path.name, size, cell, kind) not in done]
                 if not kinds:
                     continue
                 mesh = trimesh.load(path, force="mesh", process=False)
@@ -132,24 +146,29 @@ def table(path):
     print("# Default plans beside candidates at the first surface, row by row\n")
     print("Written by `tests/benches/standoff_rows.py`: whole plans on one thread, advice and report left out. An entry reads:")
     print("views · measured · at grade A · at A or B, in % of the asked surface · seconds of CPU, beside other work; and the share of")
-    print("candidates that measure nothing, where that is half a percent or more.\n")
-    names = {"first": "first surface at F, greedy's choice", "first_fewest": "first surface at F, chosen as by default"}
+    print("candidates that measure nothing, where that is half a percent or more. 98dd5fe tells no such share, and its seconds are those with a")
+    print("report, which it cannot leave out.\n")
+    names = {
+        "first": "first surface at F, greedy's choice",
+        "first_fewest": "first surface at F, chosen as by default",
+        BEFORE: "98dd5fe, before the slide rule",
+    }
     counts = {kind: compared(rows.values(), kind) for kind in names}
     print("| default against | " + " | ".join(names.values()) + " |")
-    print("| --- | --: | --: |")
+    print("| --- |" + " --: |" * len(names))
     for index, (what, _) in enumerate(counts["first"]):
         print(f"| {what} | " + " | ".join(str(counts[kind][index][1]) for kind in names) + " |")
     idle = [idle_share(row["now"]) for row in rows.values() if row.get("now", {}).get("views")]
     print(f"\nFewer than 5 % of the candidates measure nothing on {sum(share < 0.05 for share in idle)} of {len(idle)} default plans.\n")
     print("| part | mm | cell | " + " | ".join(["default", *names.values()]) + " |")
-    print("| --- | --: | --- | --- | --- | --- |")
+    print("| --- | --: | --- | --- |" + " --- |" * len(names))
     for (part, size, cell), kinds in sorted(rows.items()):
-        print(f"| `{part}` | {size} | {cell} | " + " | ".join(entry(kinds.get(kind)) for kind in KINDS) + " |")
+        print(f"| `{part}` | {size} | {cell} | " + " | ".join(entry(kinds.get(kind)) for kind in ["now", *names]) + " |")
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["plan"]:
-        plan(sys.argv[2], sys.argv[3], sys.argv[4], sys.argv[5:])
+    if sys.argv[1:2] in (["plan"], ["before"]):
+        plan(sys.argv[2], sys.argv[3], sys.argv[4], sys.argv[5:], KINDS if sys.argv[1] == "plan" else [BEFORE])
     elif sys.argv[1:2] == ["table"]:
         table(sys.argv[2])
     else:
