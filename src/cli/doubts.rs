@@ -10,7 +10,7 @@ use super::check::warn;
 use super::files::{self, FileLibrary};
 use crate::cell::{
     ArmControllerSpec, BodySpec, ControllersSpec, JointThreeOrigin, KinematicsSpec, PoseSpec, Presets, RobotSpec, ScannerSpec,
-    ShapeSpec, SpecKind, SpecLibrary, TriggerSpec, metres_in_mm,
+    ShapeSpec, SpecKind, SpecLibrary, TableControllerSpec, TriggerSpec, metres_in_mm,
 };
 use crate::check::kind_of;
 use crate::geometry::{Aabb, Base, Table, listed};
@@ -86,12 +86,13 @@ pub(super) fn of_params(params: &Value) -> Vec<FieldWarning> {
 
 /// Doubts about controllers beside the robot of their cell, which is named or written out: an arm's of another maker, one that counts
 /// joint 3 otherwise than the robot is planned, a trigger by signals that the arm's driver does not have, and states that may come later
-/// than the watchdogs lapse.
+/// than the watchdogs lapse or a reply is waited for.
 pub(super) fn of_controllers(controllers: &ControllersSpec, robot: &Value) -> Vec<FieldWarning> {
     let robot: Option<RobotSpec> = robot.as_str().map_or_else(|| decode(robot).ok(), |name| FileLibrary.robot(name).ok());
     let doubts = |robot: &RobotSpec| [of_maker(&controllers.arm, robot), of_joint_3(&controllers.arm, robot)];
     let of_any_robot = [of_trigger(controllers), of_state_age(controllers)];
-    robot.as_ref().map(doubts).into_iter().flatten().chain(of_any_robot).flatten().collect()
+    let of_replies = of_reply_timeouts(controllers);
+    robot.as_ref().map(doubts).into_iter().flatten().chain(of_any_robot).flatten().chain(of_replies).collect()
 }
 
 /// Doubt about a state that may be awaited for as long as a watchdog lasts: it is fed once the state is there.
@@ -105,6 +106,33 @@ fn of_state_age(controllers: &ControllersSpec) -> Option<FieldWarning> {
         let remedy = format!("give less than {watchdog_ms} ms, half of it as a rule, or raise watchdog_ms (500 ms at most)");
         doubt("/controllers/state_max_age_ms", detail, remedy)
     })
+}
+
+/// Doubts about a state that may be older than a reply may take: the shorter time ends the run.
+fn of_reply_timeouts(controllers: &ControllersSpec) -> Vec<FieldWarning> {
+    let arm_ms = match &controllers.arm {
+        ArmControllerSpec::Hans(spec) => Some(spec.reply_timeout_ms),
+        ArmControllerSpec::Ur(_)
+        | ArmControllerSpec::FanucRmi(_)
+        | ArmControllerSpec::KukaRsi(_)
+        | ArmControllerSpec::AbbEgm(_) => None,
+    };
+    let table_ms = match &controllers.table {
+        TableControllerSpec::MinasA6(spec) => Some(spec.reply_timeout_ms),
+        TableControllerSpec::ModbusPlc(spec) => Some(spec.reply_timeout_ms),
+        TableControllerSpec::WithArm {} => None,
+    };
+    let age_ms = controllers.state_max_age_ms;
+    let doubted = |device: &str, reply_ms: u32| {
+        let detail = format!(
+            "is {age_ms} ms, above {device}.reply_timeout_ms = {reply_ms} ms, which decides: a reply that takes longer than that \
+             ends the run, however old a state may be"
+        );
+        let remedy = format!("give {reply_ms} ms at most, or raise {device}.reply_timeout_ms to {age_ms} ms");
+        doubt("/controllers/state_max_age_ms", detail, remedy)
+    };
+    let replies = [("arm", arm_ms), ("table", table_ms)].into_iter().filter_map(|(device, ms)| Some((device, ms?)));
+    replies.filter(|(_, reply_ms)| age_ms > *reply_ms).map(|(device, reply_ms)| doubted(device, reply_ms)).collect()
 }
 
 /// Doubt about a trigger with which no run begins.
@@ -460,7 +488,7 @@ mod tests {
     #[test]
     fn a_state_that_may_come_later_than_the_watchdog_lapses_is_doubted() {
         let doubted = |watchdog_ms: u32, state_max_age_ms: u32| -> Vec<(String, String)> {
-            let arm = json!({"protocol": "hans", "address": "10.0.0.2:10003"});
+            let arm = json!({"protocol": "hans", "address": "10.0.0.2:10003", "reply_timeout_ms": 300});
             let (table, times) = (json!({"protocol": "with_arm"}), [watchdog_ms, state_max_age_ms]);
             let section = json!({"arm": arm, "table": table, "watchdog_ms": times[0], "state_max_age_ms": times[1]});
             let section = serde_json::from_value(section).expect("a section");
@@ -471,6 +499,32 @@ mod tests {
             let [(pointer, detail)] = &doubted(200, late_ms)[..] else { panic!("one doubt") };
             assert_eq!(pointer, "/controllers/state_max_age_ms");
             assert!(detail.contains(&format!("is {late_ms} ms, not below watchdog_ms = 200 ms")), "{detail}");
+        }
+    }
+
+    /// A state might be 450 ms old, and the run ended after 200 ms without a reply.
+    #[test]
+    fn a_state_that_may_be_older_than_a_reply_is_waited_for_is_doubted() {
+        let doubted = |state_max_age_ms: u32| -> Vec<String> {
+            let arm = json!({"protocol": "hans", "address": "10.0.0.2:10003", "reply_timeout_ms": 200});
+            let table = json!({"protocol": "minas_a6", "address": "tcp://10.0.0.3:502", "units_per_turn": 1_600_000, "gear_ratio": 40,
+                "reply_timeout_ms": 300});
+            let section = json!({"arm": arm, "table": table, "watchdog_ms": 500, "state_max_age_ms": state_max_age_ms});
+            let section = serde_json::from_value(section).expect("a section");
+            let doubts = of_controllers(&section, &json!("hans-e05"));
+            assert!(doubts.iter().all(|doubt| doubt.pointer == "/controllers/state_max_age_ms"), "{doubts:?}");
+            doubts.into_iter().map(|doubt| doubt.detail).collect()
+        };
+        assert_eq!(doubted(200), Vec::<String>::new());
+        for (age_ms, replies) in [
+            (250, &["arm.reply_timeout_ms = 200 ms"][..]),
+            (450, &["arm.reply_timeout_ms = 200 ms", "table.reply_timeout_ms = 300 ms"][..]),
+        ] {
+            let details = doubted(age_ms);
+            assert_eq!(details.len(), replies.len(), "{details:?}");
+            for (detail, reply) in details.iter().zip(replies) {
+                assert!(detail.contains(&format!("is {age_ms} ms, above {reply}, which decides")), "{detail}");
+            }
         }
     }
 

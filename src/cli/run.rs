@@ -321,7 +321,7 @@ impl PreparedRun {
         let effect = if stdin().is_terminal() { LineEffect::StepsIfAwaited } else { LineEffect::StepsInTurn };
         let steps_by = if args.step { Some((lines_of_stdin()?, effect)) } else { None };
         let watch = RunWatch::new(handle.clone(), (self.job.program(), args.mode), stop.clone(), token, steps_by);
-        let gave_up = watch.until_the_end().await;
+        watch.until_the_end().await;
         let record = handle.ended().await;
         heart.abort();
         if let Some(log) = log {
@@ -338,8 +338,7 @@ impl PreparedRun {
                 }
             }
         }
-        let outcome = RunOutcome::new(self.run, &self.cell, &self.reference, &record)?;
-        Ok(RunOutcome { gave_up, ..outcome })
+        RunOutcome::new(self.run, &self.cell, &self.reference, &record)
     }
 }
 

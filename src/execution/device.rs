@@ -93,15 +93,6 @@ pub struct Target<const N: usize> {
     pub duration: Duration,
 }
 
-/// Times at which a stop went out and the controller said that it had it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct StopAcknowledged {
-    /// Time at which the last byte of the stop was handed to the wire.
-    pub sent_at: Instant,
-    /// Time at which the answer to the stop was read.
-    pub acknowledged_at: Instant,
-}
-
 /// Time of an attempt to stop a device.
 pub const STOP_ATTEMPT: Duration = Duration::from_millis(500);
 
@@ -131,10 +122,12 @@ pub trait MotionDevice<const N: usize>: Send {
     /// device is armed again: that there is nothing to feed then is no error.
     fn keep_alive(&mut self) -> impl Future<Output = Result<(), DeviceError>> + Send;
 
-    /// Asks for a controlled stop; returns once the controller acknowledged it. May be called in any state, and again: a session
-    /// drops an attempt after [`STOP_ATTEMPT`] and makes another, so a link that may be dead is given up well within it. From
-    /// then on no target is taken until the device is armed again, which a session does when a client resumes.
-    fn stop(&mut self) -> impl Future<Output = Result<StopAcknowledged, DeviceError>> + Send;
+    /// Asks for a controlled stop; returns the time at which the acknowledgement was read, once it was. Unless `sent_at` has a time
+    /// already, it gets that at which the last byte of the first request was handed to the wire, whatever becomes of it then. May
+    /// be called in any state, and again: a session drops an attempt after [`STOP_ATTEMPT`] and makes another, so a link that may
+    /// be dead is given up well within it. From then on no target is taken until the device is armed again, which a session does
+    /// when a client resumes.
+    fn stop(&mut self, sent_at: &mut Option<Instant>) -> impl Future<Output = Result<Instant, DeviceError>> + Send;
 
     /// Gives the right to move back, where it was taken, and closes. Sends nothing that moves.
     fn release(&mut self) -> impl Future<Output = Result<(), DeviceError>> + Send;
@@ -216,6 +209,17 @@ pub struct Capture {
     pub deadline: Duration,
 }
 
+impl Capture {
+    /// Error of a capture whose acknowledgement did not come by its deadline: `missing` says what did not come, as a clause, and
+    /// `remedy` what to look at.
+    #[must_use]
+    pub fn unacknowledged(&self, missing: impl Into<String>, remedy: &'static str) -> DeviceError {
+        let [exposure_ms, waited_ms] = [self.expected, self.deadline].map(|time| time.as_millis() as u64);
+        let deadline_ms = waited_ms.saturating_sub(exposure_ms);
+        DeviceError::Unacknowledged { missing: missing.into(), remedy, exposure_ms, deadline_ms }
+    }
+}
+
 /// A capture that was acknowledged.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Captured {
@@ -258,6 +262,21 @@ pub enum DeviceError {
     Silent {
         /// Time waited.
         waited: Duration,
+    },
+    /// A trigger that did not acknowledge a capture in time.
+    #[error(
+        "{missing} within {} ms, the exposure of {exposure_ms} ms and deadline_ms = {deadline_ms} ms; {remedy}",
+        exposure_ms + deadline_ms
+    )]
+    Unacknowledged {
+        /// Clause that says what did not come.
+        missing: String,
+        /// Things to look at.
+        remedy: &'static str,
+        /// Predicted time of the capture.
+        exposure_ms: u64,
+        /// Time of the cell file beyond it.
+        deadline_ms: u64,
     },
     /// A gateway that gives no first answer, as one that takes other frames or passes them to another node.
     #[error("{error}; check framing and node in the cell file too, now {framing} and {node}")]
@@ -370,6 +389,7 @@ mod tests {
             DeviceError::Unbound { address: words(), reason: words() },
             DeviceError::Closed { reason: words() },
             DeviceError::Silent { waited: STOP_ATTEMPT },
+            DeviceError::Unacknowledged { missing: words(), remedy: "check its cable", exposure_ms: 1_000, deadline_ms: 10_000 },
             DeviceError::Unanswered { error: Box::new(DeviceError::Silent { waited: STOP_ATTEMPT }), framing: "rtu", node: 1 },
             DeviceError::Malformed { what: words() },
             DeviceError::Fault { code: 1, text: words() },

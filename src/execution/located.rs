@@ -484,8 +484,8 @@ pub(super) fn moves_alone(program: &Program) -> bool {
 /// Turn about the plate's axis from where the part was planned to where it lies.
 fn yaw(located: &Pose<Table, Part>, planned: &Pose<Table, Part>) -> f64 {
     let turned = located.isometry().rotation * planned.isometry().rotation.inverse();
-    // The twist about z (swing-twist decomposition).
-    2.0 * (turned.k / turned.w).atan()
+    // The twist about z (swing-twist decomposition). After half a turn about an axis in the plate any twist is right: 0.
+    2.0 * (turned.k * turned.w.signum()).atan2(turned.w.abs())
 }
 
 #[cfg(test)]

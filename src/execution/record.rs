@@ -96,7 +96,7 @@ pub struct StepRecord {
 /// Times of the stop of a device, each since the stop was asked for.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DeviceStop {
-    /// Last byte of the request handed to the wire.
+    /// Last byte of the first request handed to the wire, acknowledged or not.
     pub sent: Option<Duration>,
     /// Acknowledgement read.
     pub acknowledged: Option<Duration>,

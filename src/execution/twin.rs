@@ -6,9 +6,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use super::device::{
-    Capture, Captured, Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, StopAcknowledged, Target, Trigger,
-};
+use super::device::{Capture, Captured, Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, Target, Trigger};
 use super::drivers::stream::NOT_ARMED;
 use super::profile::Trapezoid;
 
@@ -208,14 +206,16 @@ impl<const N: usize> MotionDevice<N> for Twin<N> {
         Ok(())
     }
 
-    async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
-        let sent_at = Instant::now();
+    async fn stop(&mut self, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
+        if lock(&self.0).planted != Some(Planted::Closed) {
+            sent_at.get_or_insert_with(Instant::now);
+        }
         self.answer().await?;
         let mut body = lock(&self.0);
         body.settle(Instant::now());
         body.brake(Instant::now());
         body.asked.stops += 1;
-        Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() })
+        Ok(Instant::now())
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {

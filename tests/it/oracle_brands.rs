@@ -121,7 +121,9 @@ async fn a_kuka_controller_of_rsipi_is_moved_there_and_back() {
     let goal = [0.1, -0.1, 0.2, -0.2, 0.3, -0.3, 0.4];
     near(&go(&mut arm, 1, goal).await, &goal, SAME_HUNDREDTH_DEG.to_radians());
     near(&go(&mut arm, 2, start).await, &start, SAME_HUNDREDTH_DEG.to_radians());
-    arm.stop().await.expect("stopped");
+    let mut sent_at = None;
+    let acknowledged_at = arm.stop(&mut sent_at).await.expect("stopped");
+    assert!(sent_at.is_some_and(|sent_at| sent_at <= acknowledged_at));
     arm.release().await.expect("released");
 }
 

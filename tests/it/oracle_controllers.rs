@@ -98,7 +98,9 @@ fn the_table_s_driver_moves_a_device_of_pymodbus_there_and_back() {
                 assert!((state.positions_rad[0].to_degrees() - angle).abs() < 1e-3, "{framing:?}: {state:?}");
             }
             table.start(&target(3, 90.0)).await.expect("accepted");
-            table.stop().await.expect("acknowledged");
+            let mut sent_at = None;
+            let acknowledged_at = table.stop(&mut sent_at).await.expect("acknowledged");
+            assert!(sent_at.is_some_and(|sent_at| sent_at <= acknowledged_at), "{framing:?}");
             let rest = table.state().await.expect("a state");
             tokio::time::sleep(Duration::from_millis(200)).await;
             let later = table.state().await.expect("a state");

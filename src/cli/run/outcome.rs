@@ -45,8 +45,6 @@ impl RecordFile {
 /// End of a run.
 pub(super) struct RunOutcome {
     pub(super) document: RunRecordDocument,
-    /// Reason for which the command stopped it though nobody asked for that.
-    pub(super) gave_up: Option<String>,
     /// Need of a live run that is not met, with the way to meet it.
     pub(super) lacks: Option<(&'static str, &'static str)>,
 }
@@ -64,7 +62,7 @@ impl RunOutcome {
         }
         let steps = record.steps.iter().map(RunStepRecord::from).collect();
         let document = RunRecordDocument { schema: RUN_RECORD_SCHEMA.to_owned(), run, steps };
-        Ok(Self { document, gave_up: None, lacks: missing(reference) })
+        Ok(Self { document, lacks: missing(reference) })
     }
 
     /// Prints how it ended.
@@ -82,10 +80,7 @@ impl RunOutcome {
         };
         match (run.state, run.reason) {
             (ReportedState::Done, _) => Ok(()),
-            (ReportedState::Stopped, ReportedReason::ByClient) => match &self.gave_up {
-                Some(reason) => Err(CliError::Failed(format!("{ended}: {reason}"))),
-                None => Err(CliError::Cancelled(ended)),
-            },
+            (ReportedState::Stopped, ReportedReason::ByClient) => Err(CliError::Cancelled(ended)),
             (
                 ReportedState::Preparing
                 | ReportedState::Ready
@@ -183,7 +178,7 @@ mod tests {
         let objections = objections.iter().map(ToString::to_string).collect();
         let run = Run { state, detail: Some("the arm is silent".to_owned()), objections, ..run };
         let document = RunRecordDocument { schema: RUN_RECORD_SCHEMA.to_owned(), run, steps: Vec::new() };
-        RunOutcome { document, gave_up: None, lacks: None }
+        RunOutcome { document, lacks: None }
     }
 
     /// A scan at home that was predicted to take so long.
@@ -230,6 +225,19 @@ mod tests {
             assert_eq!(judged.to_string(), wanted);
         }
         assert!(outcome(RunMode::Simulate, ReportedState::Failed, &[]).words().starts_with("failed: 0 of 1 steps"));
+    }
+
+    /// A run that gave up for want of somebody who resumes ended as if on request, save in its exit code.
+    #[test]
+    fn a_run_that_ended_on_request_is_told_from_one_that_nobody_could_resume() {
+        let judged = |reason: ReportedReason| {
+            let mut ended = outcome(RunMode::Simulate, ReportedState::Stopped, &[]);
+            ended.document.run.reason = reason;
+            ended.judge().expect_err("stopped")
+        };
+        assert!(matches!(judged(ReportedReason::ByClient), CliError::Cancelled(_)));
+        let untaken = judged(ReportedReason::TriggerSilent);
+        assert!(matches!(untaken, CliError::Failed(_)) && untaken.to_string() == "stopped at step 0 of 1: the arm is silent");
     }
 
     /// "0.0 s" was told of a run that was stopped in the middle of its first step.

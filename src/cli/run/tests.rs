@@ -7,8 +7,12 @@ use tokio_util::sync::CancellationToken;
 
 use super::watch::{LineEffect, RunWatch};
 use crate::cell::{Cell, CollisionScene, Configuration, Presets, SpecLibrary};
-use crate::execution::session::{Hashes, RunJob, RunOptions, RunReason, RunState, StopCause, simulate};
+use crate::execution::session::{
+    Hashes, Pair, RunJob, RunOptions, RunReason, RunState, RunStatus, Safeguards, StopCause, simulate, simulate_with,
+};
+use crate::execution::twin::{Twin, TwinTrigger};
 use crate::geometry::Pose;
+use crate::planning::plan::ViewId;
 use crate::program::{Move, Program, Step};
 use crate::testing::box_mesh;
 use crate::wire::run::RunMode;
@@ -29,6 +33,11 @@ pub(super) fn program(cell: &Cell, steps: Vec<Step>) -> Program {
 
 /// A slow move away from home and back.
 fn job() -> RunJob {
+    job_with(Vec::new())
+}
+
+/// A slow move away from home, these steps there, and a move back.
+fn job_with(away_from_home: Vec<Step>) -> RunJob {
     let cell = Arc::new(Presets.cell("e05-transcan").expect("preset").build(&Presets).expect("builds"));
     let part = box_mesh([-50.0, -50.0, 0.0], [50.0, 50.0, 100.0]);
     let scene = CollisionScene::new(&cell, &part, None, &Pose::claim(Isometry3::identity()), 5.0);
@@ -40,7 +49,7 @@ fn job() -> RunJob {
         step.duration_secs = step.derived_secs(&from, &axes);
         Step::Move(step)
     };
-    let program = program(&cell, vec![move_to(home, away), move_to(away, home)]);
+    let program = program(&cell, [vec![move_to(home, away)], away_from_home, vec![move_to(away, home)]].concat());
     let hashes = Hashes { plan: program.plan_sha256.clone(), cell: "cd".repeat(32), compensation: None };
     RunJob::new(program, cell, &scene, None, [hashes.clone(), hashes]).expect("sound")
 }
@@ -88,6 +97,36 @@ fn each_line_of_a_pipe_takes_a_step_and_their_end_stops_the_run_between_two() {
         });
         assert_eq!((record.status.state, record.steps.len()), (state, steps), "{given} lines: {}", record.status.reason);
     }
+}
+
+/// The record said that a stop was requested, and nothing of the capture.
+#[test]
+fn a_run_that_nobody_can_resume_ends_with_the_capture_that_never_came() {
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().expect("a runtime");
+    let scan = Step::Scan { view: ViewId(7), brightness: 5, capture_secs: 0.2 };
+    let job = job_with(vec![Step::Settle { secs: 0.1 }, scan]);
+    let (sender, lines) = mpsc::channel(1);
+    drop(sender);
+    let record = runtime.block_on(async {
+        let home = job.program().home_rad;
+        let machine = Pair { arm: Twin::at(home.joints_rad, 1.0), table: Twin::at([home.table_rad], 1.0) };
+        let trigger = TwinTrigger::new(1.0);
+        trigger.access().silence(true);
+        // Longer than a busy machine takes.
+        let (watchdog, state_max_age) = (Duration::from_secs(60), Duration::from_secs(10));
+        let trigger_timeout = Duration::from_millis(50);
+        let safeguards = Safeguards { watchdog, state_max_age, trigger_timeout, ..Safeguards::default() };
+        let handle = simulate_with(job.clone(), machine, trigger, RunOptions { safeguards, ..RunOptions::default() });
+        let (mode, stop) = ((job.program(), RunMode::Simulate), CancellationToken::new());
+        let watch = RunWatch::new(handle.clone(), mode, stop, None, Some((lines, LineEffect::Resumes)));
+        tokio::time::timeout(Duration::from_secs(30), watch.until_the_end()).await.expect("it ends");
+        handle.ended().await
+    });
+    let RunStatus { state, reason } = &record.status;
+    assert_eq!((*state, reason.code(), record.steps.len()), (RunState::Stopped, "trigger_silent", 2), "{reason}");
+    let told = reason.to_string();
+    assert!(told.starts_with("the capture of viewpoint 7 (step 2) was not acknowledged: "), "{told}");
+    assert!(told.contains("; nobody could resume: ") && !told.contains("resume to take it again"), "{told}");
 }
 
 /// Whoever presses Enter twice wants one step.

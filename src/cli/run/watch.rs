@@ -9,7 +9,7 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use crate::cli::{CliError, output};
-use crate::execution::session::{Fence, LiveEvent, RunHandle, RunReason, RunState, StopCause};
+use crate::execution::session::{Fence, LiveEvent, PauseCause, RunHandle, RunReason, RunState, StopCause};
 use crate::program::{Program, Step};
 use crate::wire::run::RunMode;
 
@@ -24,6 +24,9 @@ pub(super) enum LineEffect {
     StepsInTurn,
 }
 
+/// State and step that were told last, and whether a stop was.
+type Told = (RunState, Option<usize>, bool);
+
 /// A run that is watched.
 pub(super) struct RunWatch {
     handle: RunHandle,
@@ -35,11 +38,8 @@ pub(super) struct RunWatch {
     /// True while the run waits for a line: from when it is armed or pauses until a line takes it on.
     awaits_line: bool,
     bar: ProgressBar,
-    /// State and step that were told last, and whether a stop was.
-    told: Option<(RunState, Option<usize>, bool)>,
+    told: Option<Told>,
     last_id: u64,
-    /// Reason for which the run was stopped though nobody asked for that.
-    gave_up: Option<String>,
 }
 
 impl RunWatch {
@@ -64,11 +64,11 @@ impl RunWatch {
         if let Ok(style) = ProgressStyle::with_template("{prefix:>9} [{bar:30}] {pos}/{len}  {msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
-        Self { handle, steps, stop, token, lines, effect, awaits_line: false, bar, told: None, last_id: 0, gave_up: None }
+        Self { handle, steps, stop, token, lines, effect, awaits_line: false, bar, told: None, last_id: 0 }
     }
 
-    /// Watches until the run has ended; returns the reason for which it was stopped where nobody asked for that.
-    pub(super) async fn until_the_end(mut self) -> Option<String> {
+    /// Watches until the run has ended.
+    pub(super) async fn until_the_end(mut self) {
         let stopper = tokio::spawn(stop_when_cancelled(self.stop.clone(), self.handle.clone()));
         let (kept, mut live) = self.handle.events_after(0);
         kept.iter().for_each(|event| self.show(event));
@@ -96,7 +96,6 @@ impl RunWatch {
         }
         stopper.abort();
         self.bar.finish_and_clear();
-        self.gave_up
     }
 
     /// Returns true if a line would be heard now: those of a pipe are not read before the run waits for one.
@@ -117,14 +116,15 @@ impl RunWatch {
 
     /// Stops a run that waits for a line; the step that is under way is done first.
     fn take_end_of_input(&mut self) {
-        let is_paused = self.handle.status().state == RunState::Paused;
+        let status = self.handle.status();
+        let is_paused = status.state == RunState::Paused;
         match self.effect {
             LineEffect::Resumes if !is_paused => self.lines = None,
             // It is read again where the run waits.
             LineEffect::StepsIfAwaited if !self.awaits_line => self.effect = LineEffect::StepsInTurn,
             LineEffect::Resumes | LineEffect::StepsIfAwaited | LineEffect::StepsInTurn => {
                 self.lines = None;
-                self.handle.stop(StopCause::Client);
+                self.handle.stop(unattended(&status.reason));
                 output::note("standard input has ended; the run stops");
             }
         }
@@ -132,20 +132,16 @@ impl RunWatch {
 
     /// A pause that nobody asked for: standard input decides how it goes on, and without somebody there it does not.
     fn ask(&mut self, reason: &RunReason) {
-        let paused = format!("paused: {reason}");
         if self.lines.is_none() {
-            self.handle.stop(StopCause::Client);
+            self.handle.stop(unattended(reason));
         }
-        self.bar.suspend(|| output::note(&paused));
+        self.bar.suspend(|| output::note(format_args!("paused: {reason}")));
         match &self.lines {
             Some(_) if self.effect == LineEffect::Resumes => {
                 self.bar.suspend(|| output::prompt("press Enter to resume, ctrl-c to stop\n"));
             }
             Some(_) => {}
-            None => {
-                output::note("nobody can resume: standard input is not a terminal; the run stops");
-                self.gave_up = Some(format!("{paused}; nobody could resume: standard input is not a terminal"));
-            }
+            None => output::note("nobody can resume: standard input is not a terminal; the run stops"),
         }
     }
 
@@ -158,6 +154,7 @@ impl RunWatch {
             return;
         }
         let is_new_state = self.told.is_none_or(|(before, ..)| before != state);
+        let begins_step = begins_step(self.effect, self.told, state);
         self.told = now;
         if is_stopping {
             // On a terminal too: whoever stands at the cell has to know that it is not at rest yet.
@@ -176,7 +173,7 @@ impl RunWatch {
             if is_new_state && state != RunState::Paused {
                 output::note(format_args!("{}: {}", state.as_str(), event.status.reason));
             }
-            if let Some(step) = step.filter(|_| state == RunState::Running) {
+            if let Some(step) = step.filter(|_| begins_step) {
                 output::note(format_args!("step {step} of {}: {words}", self.steps.len()));
             }
         }
@@ -184,6 +181,21 @@ impl RunWatch {
         self.bar.set_message(words.to_owned());
         self.bar.set_position(step.unwrap_or_default() as u64);
     }
+}
+
+/// Returns true if a step that is told now begins. Where steps are taken one by one, one that is told when another is done begins with
+/// the next line.
+fn begins_step(effect: LineEffect, before: Option<Told>, state: RunState) -> bool {
+    let only_comes_next = || before.is_some_and(|(former, step, _)| former == state && step.is_some());
+    state == RunState::Running && (effect == LineEffect::Resumes || !only_comes_next())
+}
+
+/// Cause of a stop for want of somebody who resumes: of a capture that is not acknowledged, nobody asked for the end.
+fn unattended(reason: &RunReason) -> StopCause {
+    if let RunReason::Paused(cause @ PauseCause::Trigger { .. }) = reason {
+        return StopCause::Unattended(cause.clone());
+    }
+    StopCause::Client
 }
 
 /// Stops the run on a signal. Prints nothing: a terminal that takes no bytes holds up whoever prints, and must not hold up a stop.
@@ -219,5 +231,25 @@ fn words_of(step: &Step) -> String {
         Step::Move(step) => format!("move, {:.1} s", step.duration_secs),
         Step::Settle { secs } => format!("settle, {secs:.1} s"),
         Step::Scan { view, .. } => format!("scan viewpoint {}", view.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_that_comes_next_is_told_with_the_line_that_begins_it() {
+        let (armed, running, paused) = (RunState::Armed, RunState::Running, RunState::Paused);
+        let begins = |effect: LineEffect, before: (RunState, Option<usize>)| {
+            begins_step(effect, Some((before.0, before.1, false)), running)
+        };
+        for effect in [LineEffect::StepsIfAwaited, LineEffect::StepsInTurn] {
+            assert!(begins(effect, (running, None)), "the first, as the run begins");
+            assert!(!begins(effect, (running, Some(0))), "the one before is just done");
+            assert!(begins(effect, (paused, Some(1))), "a line takes it");
+        }
+        assert!(begins(LineEffect::Resumes, (running, Some(0))), "one follows the other");
+        assert!(!begins_step(LineEffect::Resumes, Some((armed, None, false)), paused));
     }
 }

@@ -8,9 +8,7 @@ use tokio::time::Instant;
 
 use super::stream::{Connection, NOT_ARMED, STOP_WAIT, Wiring, not_connected, reconnected, within};
 use crate::cell::{FanucRmiSpec, JointThreeOrigin};
-use crate::execution::device::{
-    Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, StopAcknowledged, Target,
-};
+use crate::execution::device::{Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, Target};
 use crate::execution::protocol::fanuc_rmi::{
     MAX_LINE_BYTES, MAX_SEQUENCE, RmiFault, RmiJointMotion, RmiJoints, RmiProgram, RmiReply, RmiRequest, RmiSpeed, RmiStatus,
     error_text,
@@ -79,9 +77,10 @@ impl<const N: usize> FanucArm<N> {
     }
 
     /// Holds the program over the session that there is, and has it forgotten: what is held could be continued at the teach pendant.
-    async fn stop_once(&mut self) -> Result<StopAcknowledged, DeviceError> {
+    async fn stop_once(&mut self, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
         let session = self.session()?;
-        let sent_at = session.send_at_once(&RmiRequest::Pause).await?;
+        let paused_at = session.send_at_once(&RmiRequest::Pause).await?;
+        sent_at.get_or_insert(paused_at);
         let paused = session.answer(ANSWER_TIMEOUT).await?;
         if !matches!(paused, RmiReply::Done { .. } | RmiReply::Refused { .. }) {
             return Err(unexpected(&paused));
@@ -99,7 +98,7 @@ impl<const N: usize> FanucArm<N> {
             session.send_at_once(&RmiRequest::Abort).await?;
         }
         held?;
-        Ok(StopAcknowledged { sent_at, acknowledged_at })
+        Ok(acknowledged_at)
     }
 }
 
@@ -184,11 +183,11 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
         self.session()?.look_for_failure()
     }
 
-    async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
+    async fn stop(&mut self, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
         self.is_armed = false;
         // A controller that makes or ends a program may answer late, and moves nothing: its session is not given up for that.
         let wait = if self.session.as_ref().is_some_and(Session::is_changing_program) { ANSWER_TIMEOUT } else { STOP_WAIT };
-        let first = within(wait, self.stop_once()).await;
+        let first = within(wait, self.stop_once(sent_at)).await;
         // A link that carries a refusal is not dead.
         if matches!(first, Ok(_) | Err(DeviceError::Refused { .. })) {
             return first;
@@ -198,7 +197,7 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
         self.has_program = self.may_have_program();
         (self.session, self.is_checked) = (None, false);
         self.open(ANSWER_TIMEOUT).await?;
-        self.stop_once().await
+        self.stop_once(sent_at).await
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {

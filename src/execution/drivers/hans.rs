@@ -20,7 +20,7 @@ use self::servo::{ServoStream, realtime_state};
 pub use self::signals::HansSignals;
 use super::stream::{NOT_ARMED, STOP_WAIT, Wiring, ms, not_connected, reconnected, within};
 use crate::cell::{HansServoSpec, HansSpec, Kinematics};
-use crate::execution::device::{ArmState, Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, Target};
+use crate::execution::device::{ArmState, Condition, DeviceError, FaultCode, Identity, MotionDevice, Target};
 use crate::execution::protocol::hans::{
     ActualPosition, FSM_DISABLED, FSM_STANDBY, HansCommand, HansRequest, HansWayPoint, RobotFlags, error_text, fsm_text,
     is_hand_guided_fsm, position_mm,
@@ -183,13 +183,13 @@ impl HansArm {
     }
 
     /// Sends a stop over the link that there is.
-    async fn stop_once(&mut self) -> Result<StopAcknowledged, DeviceError> {
+    async fn stop_once(&mut self, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
         let link = self.link.as_mut().ok_or_else(not_connected)?;
         let stop = HansRequest::Plain(HansCommand::GrpStop);
         link.send(&stop).await?;
-        let sent_at = Instant::now();
+        sent_at.get_or_insert_with(Instant::now);
         link.reply(&stop).await?;
-        Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() })
+        Ok(Instant::now())
     }
 }
 
@@ -279,10 +279,10 @@ impl MotionDevice<6> for HansArm {
         self.servo.as_ref().map_or(Ok(()), ServoStream::check)
     }
 
-    async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
+    async fn stop(&mut self, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
         self.is_armed = false;
         self.end_servo().await;
-        let first = within(STOP_WAIT, self.stop_once()).await;
+        let first = within(STOP_WAIT, self.stop_once(sent_at)).await;
         if first.is_ok() {
             return first;
         }
@@ -290,7 +290,7 @@ impl MotionDevice<6> for HansArm {
         // nothing which waits on it comes after the stop.
         (self.link, self.is_checked) = (None, false);
         self.open(ms(self.spec.reply_timeout_ms)).await?;
-        self.stop_once().await
+        self.stop_once(sent_at).await
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {

@@ -17,7 +17,7 @@ use super::serial;
 use super::stream::{NOT_ARMED, STOP_WAIT, Wiring, ms, not_connected, reconnected};
 use super::table_units::TableUnits;
 use crate::cell::{GatewayFraming, MinasA6Spec, WordOrder};
-use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, TableState, Target};
+use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, MotionDevice, TableState, Target};
 use crate::execution::protocol::minas_a6::{
     ABSOLUTE_ENCODER, ACQUIRE_RIGHT, BLOCK_OPERATION, COMMUNICATION_TIMEOUT, ERROR_FORCED_ALARM, ERROR_SAFETY_INPUT,
     INFINITE_ROTATION, MULTI_TURN_LIMIT, OUTPUT_COUNT, RELEASE_RIGHT, RESOLUTIONS, coil, error_number, error_text, output,
@@ -274,9 +274,9 @@ impl MinasA6Table {
         Ok(())
     }
 
-    async fn stop_once(&mut self, patience: Duration) -> Result<StopAcknowledged, DeviceError> {
+    async fn stop_once(&mut self, patience: Duration, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
         let stop = ModbusRequest::WriteCoil { address: coil::DECELERATION_STOP, on: true };
-        self.link()?.stop(&stop, patience).await
+        self.link()?.stop(&stop, patience, sent_at).await
     }
 
     /// Stops without deceleration: the coil H-STOP.
@@ -366,9 +366,9 @@ impl MotionDevice<1> for MinasA6Table {
         self.is_busy().await.map(drop)
     }
 
-    async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
+    async fn stop(&mut self, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
         self.is_armed = false;
-        let first = self.stop_once(STOP_WAIT).await;
+        let first = self.stop_once(STOP_WAIT, sent_at).await;
         if first.is_ok() {
             return first;
         }
@@ -376,7 +376,7 @@ impl MotionDevice<1> for MinasA6Table {
         (self.link, self.is_checked) = (None, false);
         let patience = ms(self.spec.reply_timeout_ms);
         self.open(patience).await?;
-        self.stop_once(patience).await
+        self.stop_once(patience, sent_at).await
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {

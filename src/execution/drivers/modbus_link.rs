@@ -8,7 +8,7 @@ use tokio::time::{Instant, timeout_at};
 
 use super::stream::{Connection, within};
 use crate::cell::WordOrder;
-use crate::execution::device::{DeviceError, StopAcknowledged};
+use crate::execution::device::DeviceError;
 use crate::execution::protocol::modbus::{
     ModbusAdu, ModbusError, ModbusFraming, ModbusReply, ModbusRequest, ModbusSide, exception_text, registers_of, values_of,
 };
@@ -118,17 +118,23 @@ impl ModbusLink {
     }
 
     /// Sends a stop and waits for its answer, for `patience` at most; an answer that is owed from before is waited out for half
-    /// of it, and the stop goes out whether it came or not.
+    /// of it, and the stop goes out whether it came or not. Times are those of
+    /// [`MotionDevice::stop`](crate::execution::device::MotionDevice::stop).
     ///
     /// # Errors
     /// [`DeviceError`]; an exception is [`DeviceError::Refused`].
-    pub async fn stop(&mut self, stop: &ModbusRequest, patience: Duration) -> Result<StopAcknowledged, DeviceError> {
+    pub async fn stop(
+        &mut self,
+        stop: &ModbusRequest,
+        patience: Duration,
+        sent_at: &mut Option<Instant>,
+    ) -> Result<Instant, DeviceError> {
         self.owed_until = self.owed_until.map(|until| until.min(Instant::now() + patience / 2));
         let stopped = async {
             self.send(stop).await?;
-            let sent_at = Instant::now();
+            sent_at.get_or_insert_with(Instant::now);
             self.answer(stop).await?;
-            Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() })
+            Ok(Instant::now())
         };
         within(patience, stopped).await
     }

@@ -9,7 +9,7 @@ use super::modbus_link::ModbusLink;
 use super::stream::{NOT_ARMED, STOP_WAIT, Wiring, ms, not_connected, reconnected};
 use super::table_units::{TableUnits, whole_units};
 use crate::cell::ModbusPlcSpec;
-use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, MotionDevice, StopAcknowledged, TableState, Target};
+use crate::execution::device::{Condition, DeviceError, FaultCode, Identity, MotionDevice, TableState, Target};
 use crate::execution::protocol::modbus::{ModbusFraming, ModbusRequest};
 
 /// Bit of the command that starts a move.
@@ -70,9 +70,9 @@ impl PlcTable {
         self.link()?.set_register(address, command).await
     }
 
-    async fn stop_once(&mut self, patience: Duration) -> Result<StopAcknowledged, DeviceError> {
+    async fn stop_once(&mut self, patience: Duration, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
         let stop = ModbusRequest::WriteRegister { address: self.spec.command_register, value: STOP };
-        self.link()?.stop(&stop, patience).await
+        self.link()?.stop(&stop, patience, sent_at).await
     }
 
     /// Units of a speed or an acceleration, of a turn that is predicted to last so long.
@@ -190,9 +190,9 @@ impl MotionDevice<1> for PlcTable {
         self.link()?.set_register(address, beat).await
     }
 
-    async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
+    async fn stop(&mut self, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
         self.is_armed = false;
-        let first = self.stop_once(STOP_WAIT).await;
+        let first = self.stop_once(STOP_WAIT, sent_at).await;
         if first.is_ok() {
             return first;
         }
@@ -200,7 +200,7 @@ impl MotionDevice<1> for PlcTable {
         (self.link, self.is_checked) = (None, false);
         let patience = ms(self.spec.reply_timeout_ms);
         self.open(patience).await?;
-        self.stop_once(patience).await
+        self.stop_once(patience, sent_at).await
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {

@@ -10,9 +10,7 @@ use tokio::time::{Instant, sleep, timeout};
 
 use super::set_points::SetPoints;
 use super::stream::{NOT_ARMED, NOT_FED, not_connected};
-use crate::execution::device::{
-    Condition, DeviceError, DeviceState, Identity, MotionDevice, STOP_ATTEMPT, StopAcknowledged, Target,
-};
+use crate::execution::device::{Condition, DeviceError, DeviceState, Identity, MotionDevice, STOP_ATTEMPT, Target};
 use crate::execution::session::streamer::Jitter;
 
 /// Longest wait for the first report.
@@ -58,6 +56,11 @@ pub trait StreamedLink<const N: usize> {
     /// Answers the report. [`DeviceError::NotReady`]: it does not follow any more, but reports on and may be armed again; other errors
     /// end the link.
     fn answer(&mut self, step: &StreamStep<N>) -> impl Future<Output = Result<(), DeviceError>>;
+
+    /// Time at which the order to stop of the latest answer went out, of a link that then waits for its acknowledgement.
+    fn stop_sent_at(&self) -> Option<Instant> {
+        None
+    }
 
     /// Gives the right to move back and closes.
     fn close(self) -> impl Future<Output = ()>;
@@ -137,6 +140,8 @@ struct SharedState<const N: usize> {
     arm_outcome: Option<Result<(), DeviceError>>,
     /// Reason why the controller did not take the latest order to stop, which is then asked for anew.
     stop_not_taken: Option<DeviceError>,
+    /// Time at which the latest order to stop went out; none where the link had no way to send it.
+    stop_sent_at: Option<Instant>,
     failure: Option<DeviceError>,
     /// The latest report that could not be read, while none could since.
     malformed: Option<DeviceError>,
@@ -228,24 +233,30 @@ impl<const N: usize, P: StreamedProtocol<N> + Sync> MotionDevice<N> for Streamed
         if state.is_stopped { Ok(()) } else { state.fail_if_not_armed() }
     }
 
-    async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
+    async fn stop(&mut self, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
         let shared = self.shared()?;
         let asked_at = Instant::now();
         loop {
             {
                 let mut state = shared.lock();
                 state.ramp_down();
-                (state.to_arm, state.stop_not_taken) = (None, None);
+                (state.to_arm, state.stop_not_taken, state.stop_sent_at) = (None, None, None);
                 // A watchdog that lapsed before stays an error.
                 state.is_stopped |= state.armed.take().is_some();
             }
             shared.next_cycle().await?;
-            let sent_at = Instant::now();
+            let answered_at = Instant::now();
+            *sent_at = sent_at.or(shared.lock().stop_sent_at);
             // The controller reports on: it has the answer, or did not take it.
             shared.next_cycle().await?;
+            *sent_at = sent_at.or(shared.lock().stop_sent_at);
             let not_taken = shared.lock().stop_not_taken.clone();
             match not_taken {
-                None => return Ok(StopAcknowledged { sent_at, acknowledged_at: Instant::now() }),
+                None => {
+                    // Of an arm that stands, every answer says that it is to.
+                    sent_at.get_or_insert(answered_at);
+                    return Ok(Instant::now());
+                }
                 Some(error) if asked_at.elapsed() >= STOP_RETRY_TIME => return Err(error),
                 // Its own watchdog may stop it in the meantime.
                 Some(_) => {}
@@ -467,7 +478,12 @@ async fn answer_one<const N: usize, L: StreamedLink<N>>(
         }
     }
     let step = shared.lock().step(report, cycle);
-    match link.answer(&step).await {
+    let answered = link.answer(&step).await;
+    if step.order == Some(StreamOrder::Stop) {
+        let sent_at = link.stop_sent_at().or_else(|| answered.is_ok().then(Instant::now));
+        shared.lock().stop_sent_at = sent_at;
+    }
+    match answered {
         Err(DeviceError::NotReady { reason }) => {
             let mut state = shared.lock();
             state.abandon_points(report.held_rad, &reason);

@@ -14,7 +14,7 @@ use hyper_util::rt::TokioIo;
 use serde_json::{Value, json};
 use tokio::process::Command;
 use tokio::task::JoinHandle;
-use tokio::time::{Instant, sleep};
+use tokio::time::{Instant, sleep, timeout};
 
 use super::hans::HansSignals;
 use super::stream::{Wiring, within};
@@ -59,6 +59,25 @@ impl ScannerTrigger {
             (TriggerSpec::None(_), _) => Ok(Self::Wait),
         }
     }
+
+    /// Error of a capture that nothing acknowledged by its deadline.
+    fn unacknowledged(&self, capture: &Capture) -> DeviceError {
+        match self {
+            Self::Digital(DigitalTriggerSpec { output, input, .. }, _) => capture.unacknowledged(
+                format!("input {input} did not come on after output {output}"),
+                "see whether the scanner took the capture, and check its cable and both numbers in the cell file",
+            ),
+            Self::Http(HttpTrigger { spec, .. }) => capture.unacknowledged(
+                format!("{} did not answer", spec.url),
+                "see whether the scanner's software took the capture or waits for something, and check url in the cell file",
+            ),
+            Self::Command(CommandTrigger { spec, .. }) => capture.unacknowledged(
+                format!("the program {} did not end", spec.program),
+                "see what it waits for: run it by hand with the arguments of the cell file",
+            ),
+            Self::Wait => capture.unacknowledged("the time of the capture did not pass", "see what keeps this machine busy"),
+        }
+    }
 }
 
 impl Trigger for ScannerTrigger {
@@ -69,7 +88,7 @@ impl Trigger for ScannerTrigger {
 
     async fn capture(&mut self, capture: &Capture) -> Result<Captured, DeviceError> {
         let began = Instant::now();
-        let id = within(capture.deadline, async {
+        let acknowledged = timeout(capture.deadline, async {
             match self {
                 Self::Digital(spec, signals) => handshake_by_signals(spec, signals).await.map(|()| None),
                 Self::Http(trigger) => trigger.capture(capture).await,
@@ -80,7 +99,8 @@ impl Trigger for ScannerTrigger {
                 }
             }
         });
-        let (id, took) = (id.await, began.elapsed());
+        let id = acknowledged.await.unwrap_or_else(|_| Err(self.unacknowledged(capture)));
+        let took = began.elapsed();
         if id.is_err()
             && let Self::Digital(spec, signals) = self
         {

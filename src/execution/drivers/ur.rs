@@ -6,7 +6,7 @@ use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
 
 use tokio::net::{TcpListener, TcpStream, lookup_host};
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout};
 
 use super::set_points::Rates;
 use super::stream::{Connection, STOP_WAIT, Wiring, within};
@@ -60,6 +60,8 @@ pub struct UrLink {
     /// Number of the latest command that is acknowledged.
     sequence: u32,
     stop_rad_s2: f64,
+    /// Time at which the order to stop of the latest answer went out.
+    stop_sent_at: Option<Instant>,
     /// Reports in a row without a running program.
     idle_reports: u32,
     /// True if by the latest report it would not follow.
@@ -82,6 +84,7 @@ impl StreamedProtocol<6> for UniversalRobots {
             program: None,
             sequence: 0,
             stop_rad_s2: STOP_RAD_S2,
+            stop_sent_at: None,
             idle_reports: 0,
             is_hindered: false,
         };
@@ -114,6 +117,7 @@ impl StreamedLink<6> for UrLink {
     }
 
     async fn answer(&mut self, step: &StreamStep<6>) -> Result<(), DeviceError> {
+        self.stop_sent_at = None;
         let has_ended = self.program.is_some() && self.idle_reports > ENDED_REPORTS;
         if !has_ended && self.instruct(step).await.is_ok() {
             return Ok(());
@@ -121,6 +125,10 @@ impl StreamedLink<6> for UrLink {
         // The state is read on, and the program is sent anew when the arm is armed again.
         self.program = None;
         Err(DeviceError::NotReady { reason: PROGRAM_LOST.to_owned() })
+    }
+
+    fn stop_sent_at(&self) -> Option<Instant> {
+        self.stop_sent_at
     }
 
     async fn close(mut self) {
@@ -160,6 +168,7 @@ impl UrLink {
             (UrMotion::Movej, Some(StreamOrder::Stop)) => {
                 let sequence = self.next_sequence();
                 self.send(UrCommand::Stop { sequence, acceleration_rad_s2: self.stop_rad_s2 }).await?;
+                self.stop_sent_at = Some(Instant::now());
                 self.acknowledged(sequence).await
             }
         }

@@ -31,6 +31,21 @@ fn locating() -> Locating {
     }
 }
 
+/// The operator was told to turn such a part by NaN°.
+#[test]
+fn a_part_that_lies_upside_down_has_a_turn_that_is_a_number() {
+    let planned = off(0.0, 0.0, 0.0);
+    for axis in [Vector3::x(), Vector3::y(), Vector3::new(0.6, 0.8, 0.0)] {
+        let over = UnitQuaternion::from_scaled_axis(axis * std::f64::consts::PI);
+        let located = Pose::claim(Isometry3::from_parts(Translation3::identity(), over) * planned.isometry());
+        assert!(super::yaw(&located, &planned).abs() < 1e-6, "{axis:?}: {}", super::yaw(&located, &planned));
+    }
+    for deg in [-179.0, -90.0, 0.0, 45.0, 179.0] {
+        let told_deg = super::yaw(&off(3.0, -2.0, deg), &planned).to_degrees();
+        assert!((told_deg - deg).abs() < 1e-9, "{told_deg}° for {deg}°");
+    }
+}
+
 /// The part turned about the plate's axis, then moved, from where it was planned.
 fn off(x_mm: f64, y_mm: f64, deg: f64) -> Pose<Table, Part> {
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), deg.to_radians());

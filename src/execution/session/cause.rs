@@ -57,11 +57,48 @@ pub enum PauseCause {
     Locating,
 }
 
+impl PauseCause {
+    /// Name in interfaces.
+    const fn code(&self) -> &'static str {
+        match self {
+            Self::Client => "by_client",
+            Self::SingleStep => "single_step",
+            Self::Trigger { .. } => "trigger_silent",
+            Self::Locating => "locating",
+        }
+    }
+
+    /// Command that ends the pause.
+    const fn next(&self) -> &'static str {
+        match self {
+            Self::Client => "resume to go on",
+            Self::SingleStep => "step or resume to go on",
+            Self::Trigger { .. } => "resume to take it again",
+            Self::Locating => "tell where the part lies",
+        }
+    }
+}
+
+impl fmt::Display for PauseCause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Client => write!(f, "a pause was requested"),
+            Self::SingleStep => write!(f, "takes steps one by one"),
+            Self::Trigger { step, view, error } => {
+                write!(f, "the capture of viewpoint {view} (step {step}) was not acknowledged: {error}")
+            }
+            Self::Locating => write!(f, "the locating scan is taken"),
+        }
+    }
+}
+
 /// Cause of an end before the last step.
 #[derive(Clone, Debug, PartialEq)]
 pub enum StopCause {
     /// A client asked for it.
     Client,
+    /// Pause that nobody was there to end.
+    Unattended(PauseCause),
     /// The client sent no heartbeat in time.
     HeartbeatLost {
         /// Time since the last.
@@ -89,6 +126,8 @@ pub enum StopCause {
         device: DeviceRole,
         /// Age of its last state.
         age: Duration,
+        /// True where its `reply_timeout_ms` ran out, and `state_max_age_ms` did not.
+        by_reply_timeout: bool,
     },
     /// Log that can no longer be kept.
     Audit(String),
@@ -144,6 +183,7 @@ impl StopCause {
             Self::Client
             | Self::ServerGone
             | Self::ArmExpired
+            | Self::Unattended(_)
             | Self::HeartbeatLost { .. }
             | Self::LeaseLost(_)
             | Self::EmergencyStop(_)
@@ -172,6 +212,7 @@ impl StopCause {
     pub const fn code(&self) -> &'static str {
         match self {
             Self::Client => "by_client",
+            Self::Unattended(cause) => cause.code(),
             Self::HeartbeatLost { .. } => "heartbeat_lost",
             Self::LeaseLost(_) => "lease_lost",
             Self::ServerGone => "server_gone",
@@ -211,6 +252,9 @@ impl fmt::Display for StopCause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Client => write!(f, "a stop was requested"),
+            Self::Unattended(cause) => {
+                write!(f, "{cause}; nobody could resume: mend the cause, then start a new run from this step")
+            }
             Self::HeartbeatLost { after } => write!(
                 f,
                 "no heartbeat of the client for {} ms; see whether it still runs, then start a new run from the step that was \
@@ -225,9 +269,15 @@ impl fmt::Display for StopCause {
             Self::HandGuided(device) => write!(f, "the {device} is guided by hand; leave that mode there"),
             Self::HeldAtDevice(device) => write!(f, "the {device} is paused at its own controller; end that there"),
             Self::PowerLost(device) => write!(f, "the {device} has no power or its brakes are closed; switch it on there"),
-            Self::Stale { device, age } => {
+            Self::Stale { device, age, by_reply_timeout: false } => {
                 write!(f, "no state of the {device} for {} ms; check its network", age.as_millis())
             }
+            Self::Stale { device, age, by_reply_timeout: true } => write!(
+                f,
+                "no reply of the {device} within its reply_timeout_ms = {} ms, which is below state_max_age_ms; check its network, \
+                 or raise reply_timeout_ms",
+                age.as_millis()
+            ),
             Self::Audit(reason) => write!(f, "the audit log can no longer be written ({reason}); make room on its disk"),
             Self::Misplaced(how) => write!(f, "{how}"),
             Self::Device { device, error } => write!(f, "{device}: {error}"),
@@ -280,7 +330,7 @@ impl fmt::Display for Listed<'_> {
     }
 }
 
-/// Words of a run whose stop was sent.
+/// Words of a run that is being stopped. Whether a stop went out, each device's own entry tells.
 const AWAITS_REST: &str = "the run waits until arm and table are at rest: keep clear";
 
 /// Reason of the state that a run is in.
@@ -296,7 +346,7 @@ pub enum RunReason {
     UnderWay,
     /// Paused.
     Paused(PauseCause),
-    /// Stop that was sent, with the cause of the end that follows; with none for a pause. Rest of arm and table is awaited.
+    /// Stop that is asked for, with the cause of the end that follows; with none for a pause. Rest of arm and table is awaited.
     Stopping(Option<StopCause>),
     /// Done: every step.
     AllSteps,
@@ -315,10 +365,7 @@ impl RunReason {
             Self::AwaitsArm => "awaits_arm",
             Self::AwaitsStart => "awaits_start",
             Self::UnderWay => "under_way",
-            Self::Paused(PauseCause::Client) => "by_client",
-            Self::Paused(PauseCause::SingleStep) => "single_step",
-            Self::Paused(PauseCause::Trigger { .. }) => "trigger_silent",
-            Self::Paused(PauseCause::Locating) => "locating",
+            Self::Paused(cause) => cause.code(),
             Self::Stopping(_) => "stopping",
             Self::AllSteps => "all_steps",
             Self::Read => "read",
@@ -334,14 +381,9 @@ impl fmt::Display for RunReason {
             Self::AwaitsArm => write!(f, "waits for an operator to arm it"),
             Self::AwaitsStart => write!(f, "is armed and waits for its first step"),
             Self::UnderWay => write!(f, "carries out its steps"),
-            Self::Paused(PauseCause::Client) => write!(f, "a pause was requested; resume to go on"),
-            Self::Paused(PauseCause::SingleStep) => write!(f, "takes steps one by one; step or resume to go on"),
-            Self::Paused(PauseCause::Trigger { step, view, error }) => {
-                write!(f, "the capture of viewpoint {view} (step {step}) was not acknowledged: {error}; resume to take it again")
-            }
-            Self::Paused(PauseCause::Locating) => write!(f, "the locating scan is taken; tell where the part lies"),
-            Self::Stopping(None) => write!(f, "a stop was sent for a pause; {AWAITS_REST}"),
-            Self::Stopping(Some(cause)) => write!(f, "a stop was sent; {AWAITS_REST}. Cause: {cause}"),
+            Self::Paused(cause) => write!(f, "{cause}; {}", cause.next()),
+            Self::Stopping(None) => write!(f, "stops for a pause; {AWAITS_REST}"),
+            Self::Stopping(Some(cause)) => write!(f, "stops; {AWAITS_REST}. Cause: {cause}"),
             Self::AllSteps => write!(f, "every step is done"),
             Self::Read => write!(f, "the devices were read; nothing was moved"),
             Self::Ended(cause) => write!(f, "{cause}"),
@@ -363,10 +405,21 @@ mod tests {
         assert_eq!((pause.to_string().as_str(), pause.code()), ("a pause was requested; resume to go on", "by_client"));
     }
 
+    /// "A stop was sent" was told of a stop for which no connection was left.
+    #[test]
+    fn a_run_that_is_being_stopped_does_not_claim_that_a_stop_was_sent() {
+        for cause in [None, Some(StopCause::Client)] {
+            let told = RunReason::Stopping(cause).to_string();
+            assert!(told.starts_with("stops") && told.contains("keep clear") && !told.contains("sent"), "{told}");
+        }
+    }
+
     /// The axis of the table was "axis 7", and what to do next was left open.
     #[test]
     fn each_end_names_its_device_and_says_what_to_do_next() {
         let silent = DeviceError::Silent { waited: Duration::from_millis(200) };
+        let reason = "the scanner is off".to_owned();
+        let untaken = PauseCause::Trigger { step: 2, view: 7, error: DeviceError::NotReady { reason } };
         for (cause, device) in [
             (StopCause::OffPath { axis: 7, off_deg: 6.0, allowed_deg: 5.0 }, "the table is 6.00° from"),
             (StopCause::OffPath { axis: 2, off_deg: 6.0, allowed_deg: 5.0 }, "axis 2 of the arm is"),
@@ -379,7 +432,18 @@ mod tests {
             (StopCause::HandGuided(DeviceRole::Arm), "the arm"),
             (StopCause::HeldAtDevice(DeviceRole::Arm), "the arm"),
             (StopCause::PowerLost(DeviceRole::Table), "the table"),
-            (StopCause::Stale { device: DeviceRole::Table, age: Duration::from_secs(1) }, "the table"),
+            (
+                StopCause::Stale { device: DeviceRole::Table, age: Duration::from_secs(1), by_reply_timeout: false },
+                "no state of the table for 1000 ms",
+            ),
+            (
+                StopCause::Stale { device: DeviceRole::Arm, age: Duration::from_millis(200), by_reply_timeout: true },
+                "no reply of the arm within its reply_timeout_ms = 200 ms",
+            ),
+            (
+                StopCause::Unattended(untaken),
+                "viewpoint 7 (step 2) was not acknowledged: the device is not ready: the scanner is off",
+            ),
             (StopCause::Device { device: DeviceRole::Trigger, error: silent }, "trigger: no answer within 200 ms"),
             (StopCause::Fault { device: DeviceRole::Arm, code: 5, text: None }, "the arm"),
             (StopCause::Objections(vec![Objection::Moves(DeviceRole::Table)]), "the table"),

@@ -308,7 +308,7 @@ pub(super) fn unfit(state: &MachineState, run: RunState, now: Instant, max_age: 
         })
         .or_else(|| {
             let is_stale = |device| age(device) > max_age;
-            first(&|device| is_stale(device).then(|| StopCause::Stale { device, age: age(device) }))
+            first(&|device| is_stale(device).then(|| StopCause::Stale { device, age: age(device), by_reply_timeout: false }))
         })
 }
 

@@ -24,7 +24,7 @@ pub struct LiveEvent {
     pub secs: f64,
     /// Status.
     pub status: RunStatus,
-    /// Step that it is in, from 0.
+    /// Step that it is in, or that comes next, from 0.
     pub step: Option<usize>,
     /// Number of steps.
     pub steps: usize,
@@ -112,8 +112,11 @@ impl Live {
         self.tell(|last| last.stop = Some(stop.clone()));
     }
 
+    /// Tells the step that it is in, or that comes next; once.
     pub(super) fn at_step(&self, step: usize) {
-        self.tell(|last| last.step = Some(step));
+        if self.last().step != Some(step) {
+            self.tell(|last| last.step = Some(step));
+        }
     }
 
     /// Notes a step that was carried out.

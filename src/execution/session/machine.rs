@@ -11,8 +11,7 @@ use super::runner::unless_panicking;
 use super::streamer::Jitter;
 use crate::cell::Configuration;
 use crate::execution::device::{
-    ArmState, Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, Observed, StopAcknowledged, TableState,
-    Target,
+    ArmState, Condition, DeviceError, DeviceState, FaultCode, Identity, MotionDevice, Observed, TableState, Target,
 };
 
 /// Time between two feeds of a device that waits for its partner: a fifth of the shortest watchdog that a cell file may have.
@@ -71,13 +70,15 @@ pub struct Identities {
     pub table: Identity,
 }
 
-/// Answers of both to a stop; `None` of one that was not asked.
+/// Answers of both to a stop, the times at which they were read; `None` of one that was not asked.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StopAnswers {
     /// The arm's.
-    pub arm: Option<Result<StopAcknowledged, DeviceError>>,
+    pub arm: Option<Result<Instant, DeviceError>>,
     /// The table's.
-    pub table: Option<Result<StopAcknowledged, DeviceError>>,
+    pub table: Option<Result<Instant, DeviceError>>,
+    /// Times at which requests went out first, the arm's first, whatever was answered.
+    pub sent_at: [Option<Instant>; 2],
 }
 
 /// Answers of both to being read.
@@ -210,11 +211,19 @@ impl<A: MotionDevice<6>, T: MotionDevice<1>> Drive for Pair<A, T> {
 
     async fn stop(&mut self, [asks_arm, asks_table]: [bool; 2], within: Duration) -> StopAnswers {
         let (arm_is_done, table_is_done) = (Notify::new(), Notify::new());
+        let mut sent_at = [None, None];
+        let [arm_at, table_at] = &mut sent_at;
         let (arm, table) = tokio::join!(
-            unless_panicking(stop_and_feed(&mut self.arm, asks_arm, within, &arm_is_done, &table_is_done)),
-            unless_panicking(stop_and_feed(&mut self.table, asks_table, within, &table_is_done, &arm_is_done)),
+            unless_panicking(stop_and_feed(&mut self.arm, asks_arm.then_some(arm_at), within, &arm_is_done, &table_is_done)),
+            unless_panicking(stop_and_feed(
+                &mut self.table,
+                asks_table.then_some(table_at),
+                within,
+                &table_is_done,
+                &arm_is_done
+            )),
         );
-        StopAnswers { arm: arm.unwrap_or_else(panicked), table: table.unwrap_or_else(panicked) }
+        StopAnswers { arm: arm.unwrap_or_else(panicked), table: table.unwrap_or_else(panicked), sent_at }
     }
 
     async fn release(&mut self) -> Result<(), MachineError> {
@@ -271,10 +280,11 @@ impl<D: MotionDevice<7>> Drive for Joined<D> {
 
     async fn stop(&mut self, asks: [bool; 2], within: Duration) -> StopAnswers {
         if asks == [false; 2] {
-            return StopAnswers { arm: None, table: None };
+            return StopAnswers { arm: None, table: None, sent_at: [None; 2] };
         }
-        let answer = unless_panicking(in_time(within, self.0.stop())).await.map_or_else(panicked, Some);
-        StopAnswers { arm: answer.clone(), table: answer }
+        let mut sent_at = None;
+        let answer = unless_panicking(in_time(within, self.0.stop(&mut sent_at))).await.map_or_else(panicked, Some);
+        StopAnswers { arm: answer.clone(), table: answer, sent_at: [sent_at; 2] }
     }
 
     async fn release(&mut self) -> Result<(), MachineError> {
@@ -349,23 +359,26 @@ async fn await_partner<const N: usize, D: MotionDevice<N>>(device: &mut D, is_do
     }
 }
 
-/// Stops a device within that time, if it is to be asked, and keeps it alive until its partner has answered too, which has no longer
-/// either.
+/// Stops a device within that time, if it is to be asked: then there is a place for the time at which the request went out. Keeps it
+/// alive until its partner has answered too, which has no longer either.
 async fn stop_and_feed<const N: usize, D: MotionDevice<N>>(
     device: &mut D,
-    asks: bool,
+    asked: Option<&mut Option<Instant>>,
     within: Duration,
     is_done: &Notify,
     partner_is_done: &Notify,
-) -> Option<Result<StopAcknowledged, DeviceError>> {
+) -> Option<Result<Instant, DeviceError>> {
     let deadline = Instant::now() + within;
-    let stopped = if asks { Some(in_time(within, device.stop()).await) } else { None };
+    let stopped = match asked {
+        Some(sent_at) => Some(in_time(within, device.stop(sent_at)).await),
+        None => None,
+    };
     let _ = timeout_at(deadline, await_partner(device, is_done, partner_is_done)).await;
     stopped
 }
 
 /// Answer of a device whose driver panicked.
-fn panicked((): ()) -> Option<Result<StopAcknowledged, DeviceError>> {
+fn panicked((): ()) -> Option<Result<Instant, DeviceError>> {
     let reason = "by a fault of this program's own; please report it".to_owned();
     Some(Err(DeviceError::Closed { reason }))
 }

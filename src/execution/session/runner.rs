@@ -203,6 +203,10 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
                 Ok(done) => {
                     self.note(index, done, attempts, real_secs);
                     self.next_step = index + 1;
+                    // Told at once: whoever takes the run up after a crash in the pause that follows goes by it.
+                    if self.next_step < self.job.program.steps.len() {
+                        self.watcher.live.at_step(self.next_step);
+                    }
                     return Ok(());
                 }
                 Err(Halt::Pause(PauseCause::Locating)) => {

@@ -89,7 +89,7 @@ pub enum RunEvent {
     Finished,
     /// A dry run has read what it wanted.
     Read,
-    /// A stop is sent, for an end with that cause, or for a pause.
+    /// A stop is asked for, for an end with that cause, or for a pause.
     Stopping(Option<StopCause>),
     /// Something ends it.
     Stopped(StopCause),

@@ -13,7 +13,7 @@ use super::runner::{Runner, internal, refuse};
 use super::watcher::{Watcher, of_machine};
 use super::way;
 use crate::cell::Configuration;
-use crate::execution::device::{Capture, Captured, DeviceError, Trigger};
+use crate::execution::device::{Capture, Captured, Trigger};
 use crate::execution::located::moves_alone;
 use crate::execution::profile::segment;
 use crate::execution::record::StepKind;
@@ -173,11 +173,12 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
     async fn capture(&mut self, capture: &Capture) -> Result<Captured, Halt> {
         let (trigger, watcher) = (&mut self.trigger, &mut self.watcher);
         let deadline = capture.deadline;
+        let late =
+            || capture.unacknowledged("the trigger's driver did not end", "see what keeps the scanner or this machine busy");
         let work = async {
             trigger.set_brightness(capture.brightness).await?;
             // The trigger's own deadline comes first; one that does not keep it is not waited for either.
-            let late = |_| Err(DeviceError::Silent { waited: deadline });
-            timeout(deadline + LATE, trigger.capture(capture)).await.unwrap_or_else(late)
+            timeout(deadline + LATE, trigger.capture(capture)).await.unwrap_or_else(|_| Err(late()))
         };
         let began = Instant::now();
         let taken = watcher.standing_still(timeout(deadline + 2 * LATE, work)).await;
@@ -185,7 +186,7 @@ impl<M: Drive, T: Trigger> Runner<M, T> {
         if matches!(taken, Ok(Ok(Ok(_)))) {
             self.count_scheduled(began, capture.expected.as_secs_f64());
         }
-        let taken = taken?.unwrap_or(Err(DeviceError::Silent { waited: deadline }));
+        let taken = taken?.unwrap_or_else(|_| Err(late()));
         let (step, view) = (capture.step, capture.view);
         taken.map_err(|error| Halt::Pause(PauseCause::Trigger { step, view, error }))
     }

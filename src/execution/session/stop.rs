@@ -6,7 +6,7 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep, timeout};
 
 use super::machine::{Drive, StateAnswers, StopAnswers};
-use crate::execution::device::{DeviceError, STOP_ATTEMPT, StopAcknowledged};
+use crate::execution::device::{DeviceError, STOP_ATTEMPT};
 use crate::execution::record::DeviceStop;
 
 /// Times that a stop is asked for where it is not acknowledged.
@@ -64,17 +64,18 @@ pub(super) async fn stop_once<M: Drive>(machine: &mut M, asked: Instant) -> [Dev
 /// Asks those to stop that have not acknowledged it, and notes what they answer.
 async fn ask<M: Drive>(machine: &mut M, stops: &mut [DeviceStop; 2], asked: Instant) {
     let asks = [stops[0].acknowledged.is_none(), stops[1].acknowledged.is_none()];
-    let StopAnswers { arm, table } = machine.stop(asks, STOP_ATTEMPT).await;
-    for (stop, answer) in stops.iter_mut().zip([arm, table]) {
+    let StopAnswers { arm, table, sent_at } = machine.stop(asks, STOP_ATTEMPT).await;
+    for ((stop, answer), sent_at) in stops.iter_mut().zip([arm, table]).zip(sent_at) {
+        // The first request counts, whichever was acknowledged.
+        stop.sent = stop.sent.or_else(|| sent_at.map(|at| at.saturating_duration_since(asked)));
         note(stop, answer, asked);
     }
 }
 
-fn note(stop: &mut DeviceStop, answer: Option<Result<StopAcknowledged, DeviceError>>, asked: Instant) {
+fn note(stop: &mut DeviceStop, answer: Option<Result<Instant, DeviceError>>, asked: Instant) {
     match answer {
         None => {}
-        Some(Ok(StopAcknowledged { sent_at, acknowledged_at })) => {
-            stop.sent = Some(sent_at.saturating_duration_since(asked));
+        Some(Ok(acknowledged_at)) => {
             stop.acknowledged = Some(acknowledged_at.saturating_duration_since(asked));
             stop.error = None;
         }

@@ -5,17 +5,18 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::{
-    Authority, CommandError, DeviceRole, Drive, Fence, Hashes, Lease, LeaseError, Leases, MachineError, Mode, Objection,
-    ObservedPair, Pair, PauseCause, RunHandle, RunOptions, RunReason, RunState, Safeguards, StopCause, Watch, dry_run, live,
-    simulate, simulate_with,
+    Authority, CommandError, DeviceRole, Drive, Fence, Hashes, Lease, LeaseError, Leases, LiveEvent, MachineError, Mode,
+    Objection, ObservedPair, Pair, PauseCause, RunHandle, RunOptions, RunReason, RunState, Safeguards, StopCause, Watch, dry_run,
+    live, simulate, simulate_with,
 };
 use crate::cell::{AbbEgmSpec, Configuration};
 use crate::execution::audit::tests::log_on_full_disk;
 use crate::execution::device::{
-    Capture, Captured, DeviceError, DeviceState, Direction, Identity, MotionDevice, STOP_ATTEMPT, StopAcknowledged, Target,
-    Trigger, WITHDRAWAL, WireLog,
+    Capture, Captured, DeviceError, DeviceState, Direction, Identity, MotionDevice, STOP_ATTEMPT, Target, Trigger, WITHDRAWAL,
+    WireLog,
 };
 use crate::execution::drivers::egm::{AbbArm, AbbEgm};
+use crate::execution::drivers::stream::within;
 use crate::execution::protocol::egm::ExternalAxes;
 use crate::execution::record::{RunRecord, StepKind};
 use crate::execution::simulators::egm::EgmController;
@@ -193,8 +194,8 @@ impl<const N: usize, D: MotionDevice<N>> MotionDevice<N> for Slow<D> {
         self.device.keep_alive().await
     }
 
-    async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
-        self.device.stop().await
+    async fn stop(&mut self, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
+        self.device.stop(sent_at).await
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {
@@ -306,6 +307,54 @@ async fn a_request_that_is_not_answered_names_the_device_that_is_silent() {
     assert_eq!(Drive::keep_alive(&mut machine, WITHIN).await, silent);
 }
 
+/// A driver that waits 60 ms for a reply.
+struct Impatient(Twin<6>);
+
+impl MotionDevice<6> for Impatient {
+    async fn connect(&mut self) -> Result<Identity, DeviceError> {
+        self.0.connect().await
+    }
+
+    async fn state(&mut self) -> Result<DeviceState<6>, DeviceError> {
+        within(Duration::from_millis(60), self.0.state()).await
+    }
+
+    async fn arm(&mut self, watchdog: Duration) -> Result<(), DeviceError> {
+        self.0.arm(watchdog).await
+    }
+
+    async fn start(&mut self, target: &Target<6>) -> Result<(), DeviceError> {
+        self.0.start(target).await
+    }
+
+    async fn keep_alive(&mut self) -> Result<(), DeviceError> {
+        self.0.keep_alive().await
+    }
+
+    async fn stop(&mut self, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
+        self.0.stop(sent_at).await
+    }
+
+    async fn release(&mut self) -> Result<(), DeviceError> {
+        self.0.release().await
+    }
+}
+
+/// "No state for 60 ms" was told where 100 ms were permitted, and nothing of the wait for a reply that decided.
+#[tokio::test(start_paused = true)]
+async fn a_reply_timeout_below_the_age_that_a_state_may_have_is_named_where_it_ends_a_run() {
+    let (Pair { arm, table }, trigger, access) = twins();
+    let machine = Pair { arm: Impatient(arm), table };
+    let handle = simulate_with(short_job(0.1, [hashes(), hashes()]), machine, trigger, RunOptions::default());
+    until(&handle, RunState::Running).await;
+    sleep(Duration::from_millis(300)).await;
+    access.arm.plant(Some(Planted::Silent));
+    let record = handle.ended().await;
+    assert!(matches!(cause(&record), StopCause::Stale { by_reply_timeout: true, .. }), "{:?}", record.status);
+    let told = record.status.reason.to_string();
+    assert!(told.contains("reply_timeout_ms = 60 ms") && record.status.reason.code() == "state_stale", "{told}");
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_device_that_is_slow_to_feed_does_not_lengthen_a_stop() {
     let (mut machine, _, access) = twins();
@@ -360,11 +409,16 @@ async fn single_steps_wait_for_each_other() {
     until(&handle, RunState::Armed).await;
     sleep(Duration::from_secs(3)).await;
     assert_eq!(handle.status().reason, RunReason::AwaitsStart);
-    for _ in 0..2 {
+    for taken in 1..=2 {
         handle.step(Some(lease.token)).await.expect("waits");
         until(&handle, RunState::Running).await;
         until(&handle, RunState::Paused).await;
         assert_eq!(handle.status().reason, RunReason::Paused(PauseCause::SingleStep));
+        // A new run from the step that is told repeats none; it is told as soon as the one before it is done.
+        let told = handle.latest().and_then(|event| event.step);
+        assert_eq!((told, handle.steps_from(0).len()), (Some(taken), taken));
+        let is_early = |event: &LiveEvent| (event.status.state, event.step) == (RunState::Running, Some(taken));
+        assert!(handle.events_after(0).0.iter().any(is_early), "before it rests for the pause");
     }
     handle.resume(Some(lease.token)).await.expect("paused");
     let record = handle.ended().await;
@@ -438,6 +492,7 @@ async fn a_stop_that_was_sent_is_told_while_the_rest_of_a_table_that_answers_not
     let [arm, table] = handle.latest().and_then(|event| event.stop).expect("what is known of it");
     assert!(arm.acknowledged.is_some() && arm.at_rest.is_some(), "{arm:?}");
     assert!(table.acknowledged.is_none() && table.error.is_some(), "{table:?}");
+    assert!(table.sent.is_some_and(|sent| sent < STOP_ATTEMPT), "the first request went out: {table:?}");
     let record = handle.ended().await;
     assert_eq!((record.status.state, cause(&record)), (RunState::Stopped, &StopCause::Client));
 }
@@ -500,6 +555,7 @@ async fn of_arm_and_table_the_one_that_did_not_acknowledge_a_stop_alone_is_asked
     let report = record.stop.as_ref().expect("stopped");
     for stop in [report.arm.as_ref().expect("armed"), report.table.as_ref().expect("armed")] {
         assert!(stop.acknowledged.is_some() && stop.at_rest.is_some(), "{stop:?}");
+        assert!(stop.sent.is_some_and(|sent| sent < STOP_ATTEMPT), "the first request counts: {stop:?}");
     }
     assert_eq!((access.arm.asked().stops, access.table.asked().stops), (1, 1));
 }
@@ -541,10 +597,10 @@ impl MotionDevice<6> for Panicking {
         self.arm.keep_alive().await
     }
 
-    async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
+    async fn stop(&mut self, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
         assert!(self.at != PanicsAt::Stop, "planted");
         self.is_stopped = true;
-        self.arm.stop().await
+        self.arm.stop(sent_at).await
     }
 
     async fn release(&mut self) -> Result<(), DeviceError> {
@@ -593,6 +649,8 @@ async fn a_stop_that_no_link_took_is_asked_for_again_once_the_link_is_back() {
     // All attempts are over at once, as each is refused.
     sleep(Duration::from_millis(300)).await;
     assert!(access.arm.is_moving() && access.arm.asked().stops == 0);
+    let [arm, _] = handle.latest().and_then(|event| event.stop).expect("it stops");
+    assert_eq!(arm.sent, None, "nothing went out");
     access.arm.plant(None);
     let record = handle.ended().await;
     let stop = record.stop.as_ref().and_then(|report| report.arm.clone()).expect("armed");

@@ -199,11 +199,12 @@ impl<M: Drive> Watcher<M> {
     }
 }
 
-/// A machine's error as the end of a run; silence longer than a state may be old is a stale state.
+/// A machine's error as the end of a run. Silence up to the time that a state may be old is a stale state: a driver that waits less
+/// for a reply has the `reply_timeout_ms` of its own section.
 pub(super) fn of_machine(MachineError { device, error }: MachineError, max_age: Duration) -> Halt {
-    let age = match &error {
-        DeviceError::Silent { waited } if *waited <= max_age => Some(*waited),
-        DeviceError::Stale { age } => Some(*age),
+    let stale = match &error {
+        DeviceError::Silent { waited } if *waited <= max_age => Some((*waited, *waited < max_age)),
+        DeviceError::Stale { age } => Some((*age, false)),
         DeviceError::Silent { .. }
         | DeviceError::Unreachable { .. }
         | DeviceError::Unbound { .. }
@@ -215,8 +216,11 @@ pub(super) fn of_machine(MachineError { device, error }: MachineError, max_age: 
         | DeviceError::OtherDevice { .. }
         | DeviceError::WordOrder { .. }
         | DeviceError::Unanswered { .. }
+        | DeviceError::Unacknowledged { .. }
         | DeviceError::Unsupported { .. } => None,
     };
-    let device_error = StopCause::Device { device, error };
-    Halt::stop(age.map_or(device_error, |age| StopCause::Stale { device, age }))
+    Halt::stop(match stale {
+        Some((age, by_reply_timeout)) => StopCause::Stale { device, age, by_reply_timeout },
+        None => StopCause::Device { device, error },
+    })
 }

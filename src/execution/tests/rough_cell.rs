@@ -12,9 +12,7 @@ use super::fault_table::{FaultStage, FaultyCell, ROOM};
 use super::rehearsal::{CELL, hashes, planned, short_job};
 use super::simulated_network::{NetworkDialer, Passage, RoughNetwork, Weather};
 use crate::cell::Configuration;
-use crate::execution::device::{
-    DeviceError, DeviceState, Direction, FaultCode, Identity, MotionDevice, StopAcknowledged, Target, WireLog,
-};
+use crate::execution::device::{DeviceError, DeviceState, Direction, FaultCode, Identity, MotionDevice, Target, WireLog};
 use crate::execution::drivers::hans::HansArm;
 use crate::execution::drivers::minas_a6::MinasA6Table;
 use crate::execution::drivers::modbus_link::ModbusLink;
@@ -184,8 +182,8 @@ impl<const N: usize, D: MotionDevice<N>> MotionDevice<N> for Watched<D> {
         self.driver.keep_alive().await
     }
 
-    async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
-        let acknowledged = self.driver.stop().await?;
+    async fn stop(&mut self, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
+        let acknowledged = self.driver.stop(sent_at).await?;
         let mut deeds = self.seen.deeds();
         (deeds.is_armed[self.place], deeds.stopped_at[self.place]) = (false, Some(Instant::now()));
         Ok(acknowledged)

@@ -48,7 +48,7 @@ async fn a_stop_brakes_on_the_way_and_takes_no_target_until_armed() {
     twin.arm(WATCHDOG).await.expect("arms");
     twin.start(&target(1, 2.0)).await.expect("starts");
     sleep(Duration::from_secs(1)).await;
-    twin.stop().await.expect("stops");
+    twin.stop(&mut None).await.expect("stops");
     assert!(twin.state().await.expect("reads").condition.moving, "braking takes its time");
     sleep(Duration::from_millis(500)).await;
     let state = twin.state().await.expect("reads");

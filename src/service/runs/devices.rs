@@ -3,8 +3,10 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use tokio::time::Instant;
+
 use crate::cell::{ArmControllerSpec, Cell, ControllersSpec, Kinematics, TableControllerSpec};
-use crate::execution::device::{DeviceError, DeviceState, FaultCode, Identity, MotionDevice, StopAcknowledged, Target, WireLog};
+use crate::execution::device::{DeviceError, DeviceState, FaultCode, Identity, MotionDevice, Target, WireLog};
 use crate::execution::drivers::egm::{AbbArm, AbbEgm};
 use crate::execution::drivers::fanuc_rmi::FanucArm;
 use crate::execution::drivers::hans::HansArm;
@@ -128,8 +130,8 @@ macro_rules! one_of {
                 match self { $(Self::$variant(device) => device.keep_alive().await),+ }
             }
 
-            async fn stop(&mut self) -> Result<StopAcknowledged, DeviceError> {
-                match self { $(Self::$variant(device) => device.stop().await),+ }
+            async fn stop(&mut self, sent_at: &mut Option<Instant>) -> Result<Instant, DeviceError> {
+                match self { $(Self::$variant(device) => device.stop(sent_at).await),+ }
             }
 
             async fn release(&mut self) -> Result<(), DeviceError> {

@@ -12,7 +12,7 @@ closed_list! {
     pub enum RunEventKind {
         /// The state changed, its reason, or what is known of the stop that ends the run.
         State = "state",
-        /// A step began.
+        /// A step is done, and the next one is told; or the first began.
         Step = "step",
         /// The speed was changed.
         Override = "override",
@@ -40,7 +40,7 @@ pub struct RunEventDocument {
     /// Reason in words; absent where there is nothing to add.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub detail: Option<String>,
-    /// Step that the run is at, from 0.
+    /// Step that the run is at, or that comes next, from 0.
     pub step: usize,
     /// Share of the program's speed.
     pub speed_override: f64,

@@ -125,8 +125,10 @@ impl ArmRequest {
     pub fn check(&self) -> Result<(), Vec<FieldError>> {
         let mut findings = Findings::default();
         for (pointer, text) in [("/operator", &self.operator), ("/cell", &self.cell)] {
-            let is_name = (1..=128).contains(&text.chars().count()) && !text.chars().any(is_control);
-            findings.require(is_name, pointer, || "must have 1 to 128 characters, none of them a control character".to_owned());
+            let is_name = (1..=128).contains(&text.chars().count()) && !text.chars().any(is_control) && !text.trim().is_empty();
+            findings.require(is_name, pointer, || {
+                "must have 1 to 128 characters, not all of them blank and none a control character".to_owned()
+            });
         }
         findings.into_result()
     }

@@ -86,8 +86,12 @@ async fn a_stop_gets_past_a_half_open_link_within_an_attempt() {
     // What is sent over the session that there is is lost from here on.
     network.set_passage(Passage::Lost);
     network.set_passage(Passage::Open);
-    let stopped = timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt");
-    stopped.expect("acknowledged over a new session");
+    let (asked_at, mut sent_at) = (Instant::now(), None);
+    let stopped = timeout(STOP_ATTEMPT, arm.stop(&mut sent_at)).await.expect("within an attempt");
+    let acknowledged_at = stopped.expect("acknowledged over a new session");
+    // The request that was lost went out too, and is told.
+    let sent_at = sent_at.expect("sent");
+    assert!(sent_at < asked_at + STOP_WAIT && acknowledged_at >= asked_at + STOP_WAIT, "{:?}", sent_at - asked_at);
     arm.state().await.expect("a state");
     let seen = seen.lock().expect("packets").clone();
     let opened = seen.iter().rposition(|request| *request == RmiRequest::Connect).expect("a new session");
@@ -102,7 +106,7 @@ async fn a_stop_gets_past_a_session_that_was_cut() {
     arm.arm(WATCHDOG).await.expect("armed");
     network.cut();
     assert!(matches!(arm.state().await, Err(DeviceError::Closed { .. })));
-    timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt").expect("acknowledged over a new session");
+    timeout(STOP_ATTEMPT, arm.stop(&mut None)).await.expect("within an attempt").expect("acknowledged over a new session");
 }
 
 #[tokio::test(start_paused = true)]
@@ -130,14 +134,14 @@ async fn a_program_whose_end_a_stop_asked_for_is_ended_at_release_unless_that_wa
     let (mut arm, _network, seen) = over_a_network(unended);
     arm.connect().await.expect("a controller");
     arm.arm(WATCHDOG).await.expect("armed");
-    arm.stop().await.expect("held");
+    arm.stop(&mut None).await.expect("held");
     assert!(matches!(arm.release().await, Err(DeviceError::Silent { .. })), "not ended");
     let tail = [RmiRequest::Pause, RmiRequest::Abort, RmiRequest::Abort, RmiRequest::Disconnect];
     assert!(seen.lock().expect("packets").ends_with(&tail), "asked for again");
     let (mut arm, _network, seen) = over_a_network(answer);
     arm.connect().await.expect("a controller");
     arm.arm(WATCHDOG).await.expect("armed");
-    arm.stop().await.expect("held");
+    arm.stop(&mut None).await.expect("held");
     arm.state().await.expect("a state");
     arm.release().await.expect("released");
     let seen = seen.lock().expect("packets").clone();
@@ -155,13 +159,13 @@ async fn a_stop_is_not_acknowledged_while_a_program_runs_on_from_a_session_that_
     // The link breaks on the way.
     arm.session = None;
     for _ in 0..2 {
-        let stopped = arm.stop().await;
+        let stopped = arm.stop(&mut None).await;
         let is_told = matches!(&stopped, Err(DeviceError::Refused { code: 2_556_937, text }) if text.contains("runs on"));
         assert!(is_told, "{stopped:?}");
     }
     // Whatever ends the program, there is nothing left to hold.
     cell.lock().expect("a cell").set_fault(Some("SRVO-002"));
-    arm.stop().await.expect("nothing runs");
+    arm.stop(&mut None).await.expect("nothing runs");
     assert!(matches!(arm.release().await, Err(DeviceError::Refused { .. })), "there is nothing to end");
     let sent: Vec<String> = log.sent().iter().map(|line| String::from_utf8_lossy(line).into_owned()).collect();
     assert!(sent[sent.len() - 2].contains("FRC_Abort"), "its end was not answered before: {sent:?}");
@@ -228,14 +232,15 @@ async fn a_stop_ends_the_move_and_nothing_goes_on() {
     arm.start(&target(1, [1.0; 6], Duration::from_secs(2))).await.expect("accepted");
     assert!(arm.start(&target(2, [0.0; 6], Duration::from_secs(1))).await.is_err(), "one at a time");
     sleep(Duration::from_millis(300)).await;
-    let stopped = arm.stop().await.expect("stopped");
-    assert!(stopped.acknowledged_at >= stopped.sent_at);
+    let mut sent_at = None;
+    let acknowledged_at = arm.stop(&mut sent_at).await.expect("stopped");
+    assert!(sent_at.is_some_and(|sent_at| sent_at <= acknowledged_at));
     let at = cell.lock().expect("a cell").axes_deg();
     sleep(Duration::from_millis(200)).await;
     assert_eq!(cell.lock().expect("a cell").axes_deg(), at);
     assert!(at[0] > 0.0 && at[0] < 57.0, "{at:?}");
     assert!(arm.start(&target(3, [0.0; 6], Duration::from_secs(1))).await.is_err(), "arms anew first");
-    arm.stop().await.expect("again");
+    arm.stop(&mut None).await.expect("again");
     arm.arm(WATCHDOG).await.expect("armed again");
     arm.start(&target(4, [0.0; 6], Duration::from_millis(100))).await.expect("accepted");
     assert!(arrive(&mut arm).await.positions_rad[0].abs() < 1e-6);
@@ -273,7 +278,7 @@ async fn a_dropped_question_leaves_the_next_answer_right() {
         }
     }
     arm.state().await.expect("a state");
-    arm.stop().await.expect("stopped");
+    arm.stop(&mut None).await.expect("stopped");
 }
 
 #[tokio::test]
@@ -312,7 +317,7 @@ async fn a_stop_is_sent_whatever_is_still_to_be_answered() {
     arm.connect().await.expect("connected");
     assert!(timeout(Duration::from_millis(50), arm.state()).await.is_err(), "not answered");
     for stops in 1..=2 {
-        assert!(timeout(Duration::from_millis(100), arm.stop()).await.is_err(), "not answered");
+        assert!(timeout(Duration::from_millis(100), arm.stop(&mut None)).await.is_err(), "not answered");
         let sent = seen.lock().expect("text").clone();
         assert_eq!(sent.matches("FRC_Pause").count(), stops, "{sent}");
     }

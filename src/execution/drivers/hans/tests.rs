@@ -127,14 +127,15 @@ async fn nothing_moves_after_a_stop_and_only_arming_starts_again() {
     let mut bench = Bench::ready().await;
     bench.arm.start(&target(1, [90.0, -30.0, 60.0, 0.0, 30.0, 0.0], 45.0)).await.expect("accepted");
     sleep(Duration::from_millis(400)).await;
-    let stop = bench.arm.stop().await.expect("acknowledged");
-    assert!(stop.acknowledged_at >= stop.sent_at);
+    let mut sent_at = None;
+    let acknowledged_at = bench.arm.stop(&mut sent_at).await.expect("acknowledged");
+    assert!(sent_at.is_some_and(|sent_at| sent_at <= acknowledged_at));
     let rest = bench.resting().await;
     assert!((3.0..60.0).contains(&rest[0]), "stopped on the way: {rest:?}");
     let state = bench.arm.state().await.expect("a state");
     assert!(!state.condition.moving && !state.condition.in_position);
     assert!(matches!(bench.arm.start(&target(2, HOME_DEG, 90.0)).await, Err(DeviceError::NotReady { .. })));
-    bench.arm.stop().await.expect("again");
+    bench.arm.stop(&mut None).await.expect("again");
     bench.arm.arm(WATCHDOG).await.expect("armed");
     bench.arm.start(&target(3, HOME_DEG, 90.0)).await.expect("accepted");
     bench.arrive().await;
@@ -187,7 +188,7 @@ async fn a_link_that_is_cut_on_the_way_still_takes_a_stop() {
     bench.faults.apply(FaultCommand::Cut);
     assert!(matches!(bench.arm.state().await, Err(DeviceError::Closed { .. })));
     assert!(matches!(bench.arm.keep_alive().await, Err(DeviceError::Closed { .. })), "it does not connect by itself");
-    bench.arm.stop().await.expect("acknowledged over a new connection");
+    bench.arm.stop(&mut None).await.expect("acknowledged over a new connection");
     let rest = bench.resting().await;
     assert!(rest[0] < 45.0, "{rest:?}");
 }
@@ -209,13 +210,32 @@ async fn a_stop_gets_past_a_half_open_link_within_an_attempt_however_long_replie
     // What is sent over the link that there is is lost from here on.
     network.set_passage(Passage::Lost);
     network.set_passage(Passage::Open);
-    let stopped = timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt");
-    stopped.expect("acknowledged over a new link");
+    let (asked_at, mut sent_at) = (Instant::now(), None);
+    let stopped = timeout(STOP_ATTEMPT, arm.stop(&mut sent_at)).await.expect("within an attempt");
+    let acknowledged_at = stopped.expect("acknowledged over a new link");
+    // The request that was lost went out too, and is told.
+    let sent_at = sent_at.expect("sent");
+    assert!(sent_at < asked_at + STOP_WAIT && acknowledged_at >= asked_at + STOP_WAIT, "{:?}", sent_at - asked_at);
     sleep(Duration::from_secs(1)).await;
     let rest = controller.joints_rad();
     assert!(rest[0].to_degrees() < 45.0, "{rest:?}");
     sleep(Duration::from_secs(1)).await;
     assert_eq!(controller.joints_rad(), rest);
+}
+
+/// The stop went out, and was told as not sent since nothing answered it; and one that nobody takes does not go out.
+#[tokio::test]
+async fn a_stop_that_nothing_answers_is_told_as_sent_and_one_that_cannot_be_sent_is_not() {
+    let mut bench = Bench::ready().await;
+    bench.faults.apply(FaultCommand::Silent(true));
+    let mut sent_at = None;
+    assert!(bench.arm.stop(&mut sent_at).await.is_err(), "not answered");
+    assert!(sent_at.is_some());
+    bench.server.abort();
+    let _ = (&mut bench.server).await;
+    (bench.arm.link, sent_at) = (None, None);
+    assert!(matches!(bench.arm.stop(&mut sent_at).await, Err(DeviceError::Unreachable { .. })));
+    assert_eq!(sent_at, None);
 }
 
 #[tokio::test]
@@ -284,7 +304,7 @@ async fn joints_are_streamed_there_and_back_and_stand_after_a_stop() {
     assert!(jitter.periods > 100, "{}", jitter.periods);
     bench.arm.start(&target(3, [90.0, -30.0, 60.0, 0.0, 30.0, 0.0], 45.0)).await.expect("accepted");
     sleep(Duration::from_millis(400)).await;
-    bench.arm.stop().await.expect("acknowledged");
+    bench.arm.stop(&mut None).await.expect("acknowledged");
     let rest = bench.resting().await;
     assert!((3.0..60.0).contains(&rest[0]), "stopped on the way: {rest:?}");
     assert!(matches!(bench.arm.start(&target(4, HOME_DEG, 60.0)).await, Err(DeviceError::NotReady { .. })));

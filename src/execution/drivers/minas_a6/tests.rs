@@ -163,7 +163,7 @@ async fn nothing_moves_after_a_stop_and_only_arming_starts_again() {
     let mut bench = usual().await;
     bench.table.start(&target(1, 170.0, 60.0)).await.expect("accepted");
     sleep(Duration::from_millis(150)).await;
-    bench.table.stop().await.expect("acknowledged");
+    bench.table.stop(&mut None).await.expect("acknowledged");
     let rest = bench.resting().await;
     assert!((2.0..100.0).contains(&rest), "stopped on the way: {rest}");
     assert!(matches!(bench.table.start(&target(2, 0.0, 60.0)).await, Err(DeviceError::NotReady { .. })));
@@ -177,7 +177,7 @@ async fn nothing_moves_after_a_stop_and_only_arming_starts_again() {
 async fn a_stopped_table_is_armed_and_moved_again() {
     let mut bench = usual().await;
     bench.table.start(&target(1, 170.0, 60.0)).await.expect("accepted");
-    bench.table.stop().await.expect("acknowledged");
+    bench.table.stop(&mut None).await.expect("acknowledged");
     while bench.table.state().await.expect("a state").condition.moving {}
     bench.table.arm(WATCHDOG).await.expect("armed");
     bench.table.start(&target(2, 0.0, 60.0)).await.expect("accepted");
@@ -270,7 +270,7 @@ async fn a_link_that_is_cut_on_the_way_still_takes_a_stop() {
     bench.faults.apply(FaultCommand::Cut);
     sleep(Duration::from_millis(20)).await;
     assert!(matches!(bench.table.state().await, Err(DeviceError::Closed { .. })));
-    bench.table.stop().await.expect("acknowledged over a new connection");
+    bench.table.stop(&mut None).await.expect("acknowledged over a new connection");
     let rest = bench.resting().await;
     assert!(rest < 100.0, "{rest}");
 }
@@ -287,8 +287,12 @@ async fn a_stop_gets_past_a_half_open_link_and_an_answer_that_is_owed_within_an_
     network.set_passage(Passage::Lost);
     assert!(timeout(Duration::from_millis(10), table.is_busy()).await.is_err());
     network.set_passage(Passage::Open);
-    let stopped = timeout(STOP_ATTEMPT, table.stop()).await.expect("within an attempt");
-    stopped.expect("acknowledged over a new link");
+    let (asked_at, mut sent_at) = (Instant::now(), None);
+    let stopped = timeout(STOP_ATTEMPT, table.stop(&mut sent_at)).await.expect("within an attempt");
+    let acknowledged_at = stopped.expect("acknowledged over a new link");
+    // The request that was lost went out too, and is told.
+    let sent_at = sent_at.expect("sent");
+    assert!(sent_at < asked_at + STOP_WAIT && acknowledged_at >= asked_at + STOP_WAIT, "{:?}", sent_at - asked_at);
 }
 
 #[tokio::test(start_paused = true)]
@@ -299,7 +303,7 @@ async fn a_servo_that_comes_on_by_a_command_without_an_answer_is_switched_off_at
     table.connect().await.expect("a drive");
     assert!(matches!(table.arm(WATCHDOG).await, Err(DeviceError::Silent { .. })), "answered too late");
     simulator.faults().apply(FaultCommand::Late(Duration::ZERO));
-    table.stop().await.expect("stopped, as a session does before it gives back");
+    table.stop(&mut None).await.expect("stopped, as a session does before it gives back");
     table.release().await.expect("released");
     table.connect().await.expect("again");
     sleep(Duration::from_secs(1)).await;

@@ -102,7 +102,7 @@ async fn targets_speeds_and_heartbeats_stand_in_the_registers_of_the_map() {
     let held = *registers.lock().expect("registers");
     assert_eq!(values_of(&held[10..14], WordOrder::HighFirst), [9100, 3000], "reversed, from home");
     assert_eq!((held[14], held[19]), (START, 2));
-    table.stop().await.expect("acknowledged");
+    table.stop(&mut None).await.expect("acknowledged");
     assert_eq!(registers.lock().expect("registers")[14], STOP);
     assert!(matches!(table.start(&target(0.0)).await, Err(DeviceError::NotReady { .. })));
 }
@@ -132,7 +132,11 @@ async fn a_stop_gets_past_a_half_open_link_within_an_attempt_however_long_answer
     // What is sent over the link that there is is lost from here on.
     network.set_passage(Passage::Lost);
     network.set_passage(Passage::Open);
-    let stopped = timeout(STOP_ATTEMPT, table.stop()).await.expect("within an attempt");
-    stopped.expect("acknowledged over a new link");
+    let (asked_at, mut sent_at) = (Instant::now(), None);
+    let stopped = timeout(STOP_ATTEMPT, table.stop(&mut sent_at)).await.expect("within an attempt");
+    let acknowledged_at = stopped.expect("acknowledged over a new link");
+    // The request that was lost went out too, and is told.
+    let sent_at = sent_at.expect("sent");
+    assert!(sent_at < asked_at + STOP_WAIT && acknowledged_at >= asked_at + STOP_WAIT, "{:?}", sent_at - asked_at);
     assert_eq!(registers.lock().expect("registers")[14], STOP);
 }

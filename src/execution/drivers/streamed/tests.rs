@@ -12,7 +12,7 @@ use crate::cell::{AbbEgmSpec, KukaRsiSpec, UrControllerSpec, UrMotion};
 use crate::execution::device::STOP_ATTEMPT;
 use crate::execution::drivers::egm::{AbbArm, AbbEgm};
 use crate::execution::drivers::kuka_rsi::{KukaArm, KukaRsi};
-use crate::execution::drivers::stream::Wiring;
+use crate::execution::drivers::stream::{STOP_WAIT, Wiring};
 use crate::execution::drivers::there_and_back::{KeptWords, WATCHDOG, target, there_and_back};
 use crate::execution::drivers::ur::{UniversalRobots, UrArm};
 use crate::execution::protocol::egm::{EgmGuidance, EgmGuide, EgmMotors, EgmReport, ExternalAxes};
@@ -191,7 +191,7 @@ async fn a_guard_that_opens_for_a_moment_ends_the_move() {
     let at = cell.lock().expect("a cell").joints_rad();
     assert!(at[0] - start[0] < 0.3, "{at:?}");
     assert!(matches!(arm.keep_alive().await, Err(DeviceError::NotReady { .. })), "disarmed");
-    arm.stop().await.expect("nothing moves");
+    arm.stop(&mut None).await.expect("nothing moves");
     sleep(Duration::from_millis(60)).await;
     assert_eq!(cell.lock().expect("a cell").joints_rad(), at);
     arm.arm(WATCHDOG).await.expect("armed anew");
@@ -206,7 +206,7 @@ async fn a_program_that_ended_is_told_as_such_and_sent_anew_by_the_next_arming()
         arm.arm(WATCHDOG).await.expect("armed");
         let start = arm.state().await.expect("a state").positions_rad;
         // Stopped at the pendant in a pause: there is nothing wrong with that.
-        arm.stop().await.expect("stopped");
+        arm.stop(&mut None).await.expect("stopped");
         cell.lock().expect("a cell").press_stop();
         sleep(Duration::from_millis(60)).await;
         arm.keep_alive().await.expect("nothing to feed");
@@ -218,7 +218,7 @@ async fn a_program_that_ended_is_told_as_such_and_sent_anew_by_the_next_arming()
         assert!(reason.contains("its program on the controller has ended"), "{motion:?}: {reason}");
         let back = target(2, start, Duration::from_millis(300));
         assert_eq!(arm.start(&back).await.map_err(|error| error.to_string()), Err(reason), "{motion:?}");
-        arm.stop().await.expect("nothing moves");
+        arm.stop(&mut None).await.expect("nothing moves");
         let rest = at_rest(&mut arm).await;
         assert!(rest[0] - start[0] < 0.5, "{motion:?}: {rest:?}");
         arm.arm(WATCHDOG).await.expect("its program is sent anew");
@@ -238,7 +238,7 @@ async fn an_arm_whose_program_is_paused_at_the_pendant_is_led_no_further() {
         cell.lock().expect("a cell").is_paused = true;
         let reason = disarmed(&mut arm).await;
         assert!(reason.contains("paused at the controller"), "{motion:?}: {reason}");
-        timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt").expect("stopped");
+        timeout(STOP_ATTEMPT, arm.stop(&mut None)).await.expect("within an attempt").expect("stopped");
         assert!(matches!(arm.arm(WATCHDOG).await, Err(DeviceError::NotReady { .. })), "{motion:?}");
         let before = cell.lock().expect("a cell").joints_rad();
         cell.lock().expect("a cell").is_paused = false;
@@ -265,7 +265,12 @@ async fn a_stop_that_the_program_of_an_arm_does_not_take_is_not_acknowledged() {
     // Asked again while the program runs on, or is paused and may go on by itself, it has not been taken either.
     for is_paused in [false, true] {
         cell.lock().expect("a cell").is_paused = is_paused;
-        let stopped = timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt");
+        let (asked_at, mut sent_at) = (Instant::now(), None);
+        let stopped = timeout(STOP_ATTEMPT, arm.stop(&mut sent_at)).await.expect("within an attempt");
+        // The first went out, whether it was taken or not; then the program was given up, and there was no way to send another.
+        let sent_after = sent_at.map(|sent_at| sent_at - asked_at);
+        assert_eq!(sent_after.is_some(), !is_paused, "{sent_after:?}");
+        assert!(sent_after.is_none_or(|after| after < STOP_WAIT), "{sent_after:?}: with the end of the wait for its answer");
         let is_told = matches!(&stopped, Err(DeviceError::NotReady { reason }) if reason.contains("takes no more commands"));
         assert!(is_told, "{is_paused}: {stopped:?}");
     }
@@ -273,10 +278,13 @@ async fn a_stop_that_the_program_of_an_arm_does_not_take_is_not_acknowledged() {
     sleep(Duration::from_millis(60)).await;
     let rest = at_rest(&mut arm).await;
     assert!(rest[0] - start[0] < 0.5, "its watchdog stops it: {rest:?}");
-    timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt").expect("the controller says that no program runs");
+    timeout(STOP_ATTEMPT, arm.stop(&mut None))
+        .await
+        .expect("within an attempt")
+        .expect("the controller says that no program runs");
     cell.lock().expect("a cell").is_link_dead = false;
     arm.arm(WATCHDOG).await.expect("its program is sent anew");
-    arm.stop().await.expect("taken");
+    arm.stop(&mut None).await.expect("taken");
 }
 
 #[tokio::test]
@@ -291,7 +299,7 @@ async fn a_stop_does_not_wait_for_a_program_that_is_still_to_connect() {
     let mut arm = UniversalRobots::arm(&spec, Wiring::over_tcp("arm", Arc::new(())));
     arm.connect().await.expect("connected");
     assert!(timeout(Duration::from_millis(100), arm.arm(WATCHDOG)).await.is_err(), "given up");
-    timeout(STOP_ATTEMPT, arm.stop()).await.expect("within an attempt").expect("acknowledged");
+    timeout(STOP_ATTEMPT, arm.stop(&mut None)).await.expect("within an attempt").expect("acknowledged");
     let start = arm.state().await.expect("a state").positions_rad;
     assert!(matches!(arm.start(&target(1, start, Duration::from_secs(1))).await, Err(DeviceError::NotReady { .. })));
 }
@@ -511,12 +519,12 @@ async fn a_stop_that_was_not_taken_is_asked_for_anew_within_the_attempt() {
         let state = SharedState { is_under_order: true, ..SharedState::default() };
         let shared: Arc<Shared<1>> = Arc::new(Shared { state: Mutex::new(state), cycles: watch::Sender::new(0) });
         let mut arm = Streamed { protocol: controller, thread: Some(Arc::clone(&shared)) };
-        let asked_at = Instant::now();
+        let (asked_at, mut sent_at) = (Instant::now(), None);
         let stopped = tokio::select! {
-            stopped = arm.stop() => stopped,
+            stopped = arm.stop(&mut sent_at) => stopped,
             () = controller.report_on(&shared) => panic!("it reports for ever"),
         };
-        assert_eq!(stopped.is_ok(), is_taken, "{stopped:?}");
+        assert_eq!((stopped.is_ok(), sent_at.is_some()), (is_taken, is_taken), "{stopped:?}");
         assert!(asked_at.elapsed() < STOP_ATTEMPT, "{:?}", asked_at.elapsed());
     }
 }
@@ -630,8 +638,9 @@ async fn a_stop_is_a_ramp_and_nothing_goes_on() {
     arm.start(&target(1, goal, Duration::from_secs(2))).await.expect("accepted");
     assert!(arm.start(&target(2, start, Duration::from_secs(1))).await.is_err(), "one at a time");
     sleep(Duration::from_millis(400)).await;
-    let stopped = arm.stop().await.expect("stopped");
-    assert!(stopped.acknowledged_at > stopped.sent_at);
+    let mut sent_at = None;
+    let acknowledged_at = arm.stop(&mut sent_at).await.expect("stopped");
+    assert!(sent_at.is_some_and(|sent_at| sent_at < acknowledged_at));
     sleep(Duration::from_millis(600)).await;
     let at = arm.state().await.expect("a state");
     assert!(!at.condition.moving && apart_rad(&at.positions_rad, &goal) > 0.2, "{at:?}");
@@ -648,14 +657,14 @@ async fn there_is_nothing_to_keep_alive_after_a_stop_and_nothing_wrong_with_that
     assert!(matches!(arm.keep_alive().await, Err(DeviceError::NotReady { .. })), "never armed");
     arm.arm(WATCHDOG).await.expect("armed");
     for _ in 0..2 {
-        arm.stop().await.expect("stopped");
+        arm.stop(&mut None).await.expect("stopped");
         arm.keep_alive().await.expect("stopped on command");
     }
     let start = arm.state().await.expect("a state").positions_rad;
     assert!(matches!(arm.start(&target(1, start, Duration::from_secs(1))).await, Err(DeviceError::NotReady { .. })), "disarmed");
     arm.arm(Duration::ZERO).await.expect("armed");
     arm.state().await.expect("a further cycle, in which the watchdog lapses");
-    arm.stop().await.expect("stopped");
+    arm.stop(&mut None).await.expect("stopped");
     assert!(matches!(arm.keep_alive().await, Err(DeviceError::NotReady { .. })), "it lapsed before the stop");
 }
 

@@ -69,7 +69,10 @@ async fn signals_are_exchanged_with_the_arms_controller() {
     // Wired to another input, nothing acknowledges.
     let crossed = json!({"protocol": "digital", "output": 3, "input": 8});
     let mut trigger = ScannerTrigger::new(&controllers(&hans_at(&address), &crossed), Arc::new(())).expect("a trigger");
-    assert!(matches!(trigger.capture(&capture(900)).await, Err(DeviceError::Silent { .. })));
+    let told = trigger.capture(&capture(900)).await.expect_err("nothing acknowledges").to_string();
+    let wanted =
+        "input 8 did not come on after output 3 within 900 ms, the exposure of 30 ms and deadline_ms = 870 ms; see whether";
+    assert!(told.starts_with(wanted), "{told}");
     server.abort();
 }
 
@@ -83,7 +86,7 @@ async fn an_output_whose_capture_nothing_acknowledges_is_taken_back() {
     let crossed = json!({"protocol": "digital", "output": 3, "input": 8});
     let kept = Arc::clone(&log) as Arc<dyn WireLog>;
     let mut trigger = ScannerTrigger::new(&controllers(&hans_at(&address), &crossed), kept).expect("a trigger");
-    assert!(matches!(trigger.capture(&capture(300)).await, Err(DeviceError::Silent { .. })));
+    assert!(matches!(trigger.capture(&capture(300)).await, Err(DeviceError::Unacknowledged { .. })));
     let texts = log.0.lock().expect("no panic").clone();
     let levels: Vec<&String> = texts.iter().filter(|text| text.starts_with("SetBoxDO,3,")).collect();
     assert_eq!(levels, ["SetBoxDO,3,0,;", "SetBoxDO,3,1,;", "SetBoxDO,3,0,;"], "{texts:?}");
@@ -206,7 +209,14 @@ async fn a_refusal_a_silence_and_nobody_are_errors() {
     assert!(matches!(&refused, Err(DeviceError::Refused { code: 503, text }) if text == "busy"), "{refused:?}");
     let (url, _asked) = server("HTTP/1.1 200 OK\r\ncontent-length: 400\r\n\r\n").await;
     let (silent, _) = taken(&json!({"protocol": "http", "url": url}), 300).await;
-    assert!(matches!(silent, Err(DeviceError::Silent { .. } | DeviceError::Closed { .. })), "{silent:?}");
+    assert!(matches!(silent, Err(DeviceError::Unacknowledged { .. } | DeviceError::Closed { .. })), "{silent:?}");
+    // Its connection is taken, and nobody reads.
+    let port = TcpListener::bind("127.0.0.1:0").await.expect("bound");
+    let url = format!("http://{}/scans", port.local_addr().expect("an address"));
+    let (silent, _) = taken(&json!({"protocol": "http", "url": url}), 200).await;
+    let told = silent.expect_err("no answer").to_string();
+    let wanted = format!("{url} did not answer within 200 ms, the exposure of 30 ms and deadline_ms = 170 ms; see whether");
+    assert!(told.starts_with(&wanted), "{told}");
     let (nobody, _) = taken(&json!({"protocol": "http", "url": "http://127.0.0.1:1/", "deadline_ms": 100}), 3_000).await;
     assert!(matches!(nobody, Err(DeviceError::Unreachable { .. })), "{nobody:?}");
 }
@@ -223,7 +233,8 @@ async fn a_program_acknowledges_by_its_end() {
     let is_told = |reason: &str| reason.starts_with("the program /nowhere/trigger cannot be started") && reason.contains("path");
     assert!(matches!(&missing, Err(DeviceError::NotReady { reason }) if is_told(reason)), "{missing:?}");
     let (late, _) = taken(&program("/bin/sleep", &["5"]), 200).await;
-    assert!(matches!(late, Err(DeviceError::Silent { .. })), "{late:?}");
+    let told = late.expect_err("it does not end").to_string();
+    assert!(told.starts_with("the program /bin/sleep did not end within 200 ms, the exposure of 30 ms and"), "{told}");
 }
 
 #[tokio::test]

@@ -9,6 +9,7 @@ fn causes() -> Vec<StopCause> {
     let lease = LeaseError::Expired { cell: "cell".into(), token: Fence(1) };
     vec![
         StopCause::Client,
+        StopCause::Unattended(PauseCause::Trigger { step: 2, view: 7, error: DeviceError::Closed { reason: "reset".into() } }),
         StopCause::HeartbeatLost { after: Duration::from_millis(600) },
         StopCause::LeaseLost(lease),
         StopCause::ServerGone,
@@ -18,7 +19,7 @@ fn causes() -> Vec<StopCause> {
         StopCause::HandGuided(device),
         StopCause::HeldAtDevice(device),
         StopCause::PowerLost(device),
-        StopCause::Stale { device, age: Duration::from_millis(120) },
+        StopCause::Stale { device, age: Duration::from_millis(120), by_reply_timeout: false },
         StopCause::Audit("no space".into()),
         StopCause::Misplaced("too far".into()),
         StopCause::Device { device, error: DeviceError::Closed { reason: "reset".into() } },

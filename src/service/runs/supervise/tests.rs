@@ -316,11 +316,28 @@ fn waiting() -> RunHandle {
     let part = box_mesh([-50.0, -50.0, 0.0], [50.0, 50.0, 100.0]);
     let scene = CollisionScene::new(&cell, &part, None, &Pose::claim(Isometry3::identity()), 5.0);
     let (robot, turntable, home_rad) = (cell.robot.name.clone(), cell.turntable.name.clone(), cell.home_rad);
-    let (steps, cycle_secs) = (vec![Step::Settle { secs: 1.0 }], 1.0);
+    let (steps, cycle_secs) = (vec![Step::Settle { secs: 0.1 }; 2], 0.2);
     let program = Program { robot, turntable, home_rad, steps, cycle_secs, ..no_steps() };
     let hashes = Hashes { plan: program.plan_sha256.clone(), cell: String::new(), compensation: None };
     let job = RunJob::new(program, cell, &scene, None, [hashes.clone(), hashes]).expect("sound");
     simulate(job, RunOptions { single_step: true, ..RunOptions::default() })
+}
+
+/// A run that was taken up from the step that the store had, after a crash in the pause, scanned a view twice.
+#[tokio::test]
+async fn a_step_that_is_done_is_stored_with_the_next_one_before_the_pause_between_them_ends() {
+    let (app, _folder) = service().await;
+    let (mut supervisor, handle) = (supervisor(&app).await, waiting());
+    let (id, followed) = (supervisor.run.id, handle.clone());
+    let following = tokio::spawn(async move { supervisor.follow(&followed).await });
+    let mut status = handle.watch_status();
+    status.wait_for(|status| status.state == RunState::Armed).await.expect("it waits");
+    handle.step(None).await.expect("armed");
+    let is_paused = |run: &Run| run.state == ReportedState::Paused;
+    let paused = app.run_when(id, Duration::from_secs(10), is_paused).await.expect("it");
+    let done = app.run_record(id).await.expect("its record").steps.len();
+    assert_eq!((paused.state, paused.step, done), (ReportedState::Paused, 1, 1));
+    following.abort();
 }
 
 /// The state went back from that of the last event to those before it.
