@@ -249,11 +249,10 @@ fn measured_as_planned(what: &str, of_asked: f64) -> String {
     format!("; its {what} measure {} % of the asked area, as planned", percent_below(of_asked, 1.0, 2))
 }
 
-/// Findings in a program, with the pointer to the step of each.
+/// Findings in a program, with the pointer to the step or field of each.
 #[must_use]
 pub fn field_errors(found: &[Finding]) -> Vec<FieldError> {
-    let pointer = |step: Option<usize>| step.map_or_else(String::new, |step| format!("/steps/{step}"));
-    found.iter().map(|Finding { step, fault }| FieldError { pointer: pointer(*step), detail: fault.to_string() }).collect()
+    found.iter().map(|finding| FieldError { pointer: finding.pointer(), detail: finding.fault.to_string() }).collect()
 }
 
 /// Number of setups of a plan, which does not list a single one.

@@ -20,7 +20,7 @@ use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{Interrupted, LazyStablePoses, LengthUnit, Mesh, Poll};
 use crate::planning::context::{Context, NoPlan, Stage};
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{Outcome, RegionCoverage, Robust};
+use crate::planning::plan::{Outcome, RegionCoverage, Robust, StopReason};
 use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, UpAxis, standing};
 use crate::report::html::NoPlanReason;
@@ -346,7 +346,7 @@ impl<'a> PartPlanner<'a> {
     /// plan of which no view is carried out.
     pub(super) fn judge(&self, planned: &PlannedPart) -> Result<(), CliError> {
         let coverage = &planned.outcome.plan.coverage;
-        warn_of_errors(&self.params, coverage.robust.as_ref());
+        warn_of_errors(&self.params, coverage.robust.as_ref(), planned.outcome.plan.stopped_because);
         let regions = judge_regions(self.args.strict, &self.params, &coverage.regions, &planned.empty_regions);
         require_a_view(planned.outcome.plan.executed_views(), planned.outcome.plan.views.len())?;
         regions
@@ -408,8 +408,9 @@ pub(super) fn placed(params: &PlanParams, up: Option<UpAxis>, mesh: &Mesh) -> Pl
 }
 
 /// Warns of a plan that loses much under pose errors.
-fn warn_of_errors(params: &PlanParams, robust: Option<&Robust>) {
-    let fragile = robust.and_then(|robust| warnings::of_robust(params, &RobustDocument::from(robust), false, ""));
+fn warn_of_errors(params: &PlanParams, robust: Option<&Robust>, stopped_because: StopReason) {
+    let stopped = (false, stopped_because);
+    let fragile = robust.and_then(|robust| warnings::of_robust(params, &RobustDocument::from(robust), stopped, ""));
     warn("parameters", fragile.as_slice());
 }
 

@@ -49,9 +49,23 @@ pub struct Finding {
 
 impl std::fmt::Display for Finding {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.step {
-            Some(step) => write!(f, "/steps/{step}: {}", self.fault),
-            None => self.fault.fmt(f),
+        match self.pointer() {
+            whole if whole.is_empty() => self.fault.fmt(f),
+            pointer => write!(f, "{pointer}: {}", self.fault),
+        }
+    }
+}
+
+impl Finding {
+    /// Pointer to the step or field of the program that it concerns; empty for the whole.
+    #[must_use]
+    pub fn pointer(&self) -> String {
+        match (self.step, &self.fault) {
+            (Some(step), _) => format!("/steps/{step}"),
+            (None, Fault::CycleTime { .. }) => "/cycle_secs".to_owned(),
+            (None, Fault::OtherHome) => "/home_deg".to_owned(),
+            (None, Fault::OtherPlan { .. }) => "/plan_sha256".to_owned(),
+            (None, _) => String::new(),
         }
     }
 }
@@ -100,7 +114,7 @@ pub enum Fault {
         setups: usize,
     },
     /// Home is not the cell's.
-    #[error("/home_deg differs from the cell's home")]
+    #[error("differs from the cell's home")]
     OtherHome,
     /// An axis beyond its limits.
     #[error("axis {axis} is at {angle_deg:.4}°; allowed is {min_deg:.4} to {max_deg:.4}°")]
@@ -236,7 +250,7 @@ pub enum Fault {
     #[error("the program does not end at home")]
     NotHome,
     /// The sum is wrong.
-    #[error("/cycle_secs is {stated:.6}; the steps take {derived:.6} s")]
+    #[error("is {stated:.6}; the steps take {derived:.6} s")]
     CycleTime {
         /// Value in the program.
         stated: f64,

@@ -244,8 +244,8 @@ fn each_fault_is_found_and_named() {
 fn the_steps_of_an_empty_program_take_no_time_and_not_minus_zero() {
     let job = job();
     let empty = Program { steps: Vec::new(), cycle_secs: 3.0, ..job.program.clone() };
-    let told: Vec<String> = check(&empty, &job.cell, &job.scene, None).iter().map(|finding| finding.fault.to_string()).collect();
-    assert_eq!(told, ["/cycle_secs is 3.000000; the steps take 0.000000 s"]);
+    let told: Vec<String> = check(&empty, &job.cell, &job.scene, None).iter().map(ToString::to_string).collect();
+    assert_eq!(told, ["/cycle_secs: is 3.000000; the steps take 0.000000 s"]);
 }
 
 /// A cell whose compensation is of another cell, out of bounds or too old, and a program of another calibration.

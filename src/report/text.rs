@@ -254,7 +254,8 @@ fn write_certificate(out: &mut String, coverage: &Coverage) -> fmt::Result {
 /// Says that the plan is fragile under pose errors, if it is.
 fn write_warnings(out: &mut String, plan: &Plan) -> fmt::Result {
     let robust = plan.coverage.robust.as_ref().map(RobustDocument::from);
-    let warning = robust.and_then(|robust| of_robust(&plan.params, &robust, plan.coverage.is_of_open, ""));
+    let warning =
+        robust.and_then(|robust| of_robust(&plan.params, &robust, (plan.coverage.is_of_open, plan.stopped_because), ""));
     warning.map_or(Ok(()), |warning| {
         let knob = warning.pointer.trim_start_matches('/').replace('/', ".");
         writeln!(out, "\nwarning, {}: {knob} {}", warning.code.as_str(), warning.detail)?;

@@ -447,7 +447,12 @@ impl PlanDocument {
             obstructions: plan.obstructions.iter().map(ObstructionDocument::from).collect(),
             missed: plan.missed.iter().map(|missed| MissedDocument::of(missed, ChoiceRules::of(plan))).collect(),
             advice: AdviceDocument::all_of(plan),
-            warnings: warnings::of_coverage(&plan.params, &CoverageDocument::from(&plan.coverage), "/params"),
+            warnings: warnings::of_coverage(
+                &plan.params,
+                &CoverageDocument::from(&plan.coverage),
+                plan.stopped_because,
+                "/params",
+            ),
             chosen_on: Some(plan.chosen_on.into()),
             bound: BoundDocument::from(&plan.bound),
             stopped_because: plan.stopped_because.as_str().to_owned(),

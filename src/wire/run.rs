@@ -107,11 +107,11 @@ closed_list! {
         ByClient = "by_client",
         /// Paused: it was asked to pause after each step.
         SingleStep = "single_step",
-        /// Paused: the scanner did not acknowledge a capture in time; the view is not skipped.
+        /// Paused, or stopped as nobody could resume: the scanner did not acknowledge a capture in time; the view is not skipped.
         TriggerSilent = "trigger_silent",
         /// Paused: the locating scan is taken, and the part's pose is awaited.
         Locating = "locating",
-        /// A stop was sent, to end or to pause the run, and arm and table are not yet known to be at rest: keep clear.
+        /// A stop is asked for, to end or to pause the run, and arm and table are not yet known to be at rest: keep clear.
         Stopping = "stopping",
         /// Done: every step.
         AllSteps = "all_steps",
@@ -201,7 +201,7 @@ pub struct Run {
     pub from_step: usize,
     /// True if it begins with a locating scan.
     pub locate: bool,
-    /// Step that it is at, from 0; the number of steps once it is done.
+    /// Step that it is at, or that comes next, from 0; the number of steps once it is done.
     pub step: usize,
     /// Number of steps of the program.
     pub steps: usize,
@@ -263,7 +263,7 @@ pub struct RunStop {
 /// Stop of a device, with the time from the request to each stage; `null` for a stage that was not reached.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct DeviceStopDocument {
-    /// The request was put on the wire, ms.
+    /// The request was first put on the wire, acknowledged or not, ms.
     pub sent_ms: Option<f64>,
     /// The controller acknowledged it, ms.
     pub acknowledged_ms: Option<f64>,

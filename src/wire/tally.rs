@@ -121,8 +121,11 @@ fn of_groups_of<R: Send>(
     let of_run = |begin: usize| {
         let [first, end] = [begin, begin + PATCHES_A_RUN].map(|place| first_of_a_group(&order, place));
         let groups: Vec<(u32, Tally)> = order[first..end].chunk_by(|a, b| a.0 == b.0).map(tally).collect();
+        if groups.is_empty() {
+            return None;
+        }
         let begin = first.checked_sub(1).map_or(0, |before| order[before].0 + 1);
-        (!groups.is_empty()).then(|| work(GroupRun { begin, groups }))
+        Some(work(GroupRun { begin, groups }))
     };
     let begins: Vec<usize> = (0..order.len()).step_by(PATCHES_A_RUN).collect();
     begins.into_par_iter().filter_map(of_run).collect()

@@ -12,7 +12,7 @@ use super::words::{
 use crate::cell::{Cell, CollisionScene, Contact, DeviceName, FieldHider, HiddenShare, HiderPlace, Scanner, closed_list};
 use crate::geometry::{Aabb, Part, Pose, StablePose, Table};
 use crate::planning::params::{MotionParams, NoiseParams, PlanParams, SelectionGoal};
-use crate::planning::plan::Robust;
+use crate::planning::plan::{Robust, StopReason};
 use crate::planning::{UpAxis, tips_over};
 
 #[cfg(test)]
@@ -491,23 +491,34 @@ pub fn of_empty_region(list: RegionUse, place: usize, part: &Aabb, at: &str) -> 
 
 /// Warnings on what the coverage of a plan does not reach or tolerate; `at` is the pointer to its parameters.
 #[must_use]
-pub fn of_coverage(params: &PlanParams, coverage: &CoverageDocument, at: &str) -> Vec<FieldWarning> {
+pub fn of_coverage(params: &PlanParams, coverage: &CoverageDocument, stopped_because: StopReason, at: &str) -> Vec<FieldWarning> {
     let mut warnings = of_regions(params, &coverage.regions, at);
     warnings.extend(of_refuted_regions(params, &coverage.regions, at));
-    warnings.extend(coverage.robust.as_ref().and_then(|robust| of_robust(params, robust, coverage.of_open, at)));
+    let fragile = |robust: &RobustDocument| of_robust(params, robust, (coverage.of_open, stopped_because), at);
+    warnings.extend(coverage.robust.as_ref().and_then(fragile));
     warnings
 }
 
 /// Warning on a plan that loses more than [`Robust::MAX_LOSS`] of the asked area, of further views of the open area, in some draw
 /// of its pose errors; `at` is the pointer to its parameters.
 #[must_use]
-pub fn of_robust(params: &PlanParams, robust: &RobustDocument, is_of_open: bool, at: &str) -> Option<FieldWarning> {
+pub fn of_robust(
+    params: &PlanParams,
+    robust: &RobustDocument,
+    (is_of_open, stopped_because): (bool, StopReason),
+    at: &str,
+) -> Option<FieldWarning> {
     let costliest = Some(robust.costliest()).filter(|costliest| costliest.loss() > Robust::MAX_LOSS)?;
     let [angle_deg, shift_mm] = pose_error_sizes(&robust.pose_error);
-    // A plan for the best coverage has no target.
-    let more = match params.selection.goal {
-        SelectionGoal::BestCoverage => "raise selection.max_views",
-        SelectionGoal::FewestViews | SelectionGoal::MinTime => "raise selection.target",
+    // What ended the choice; a plan for the best coverage has no target, and further views have limits of their own.
+    let more = match (is_of_open, params.selection.goal, stopped_because) {
+        (true, _, StopReason::MaxViews) => "raise max_views of the rescan",
+        (true, _, StopReason::Growth) => "lower min_gain of the rescan",
+        (false, _, StopReason::Growth) => "lower selection.min_growth",
+        (false, _, StopReason::MaxViews) | (_, SelectionGoal::BestCoverage, _) => "raise selection.max_views",
+        (_, _, StopReason::Target | StopReason::NoGain | StopReason::NoPath | StopReason::RegionsUnmet) => {
+            "raise selection.target"
+        }
     };
     let (state, remedy) = if params.robust.select {
         ("true, and yet", format!("{more}, so that more of the surface is measured twice"))

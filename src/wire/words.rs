@@ -113,7 +113,8 @@ pub(crate) const MEANING_OF_REACH_IGNORED: &str = "at least one viewpoint measur
 const MEANING_OF_35_DEG: &str = "measured at 35° or less between the normal and the ray to the origin of the scanner frame";
 const MEANING_OF_60_DEG: &str = "measured at 60° or less between the normal and the ray to the origin of the scanner frame";
 /// Meaning of the area that further views are planned for.
-pub(crate) const MEANING_OF_OPEN: &str = "open: asked area that earlier scans left open";
+pub(crate) const MEANING_OF_OPEN: &str =
+    "open: asked area that earlier scans left open, but for losses that no further view mends";
 
 /// Name of the area that shares of a plan are of: what is asked of the part, or what earlier scans left open of that.
 pub(crate) fn asked_name(is_of_open: bool) -> &'static str {

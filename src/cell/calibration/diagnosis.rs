@@ -206,7 +206,10 @@ impl ReadingTrial<'_> {
         if as_given_mm < POOR_MM {
             return None;
         }
+        let without_an_end_mm = self.misfit_without_an_end(sightings, finds_table).min(as_given_mm);
         let tried = self.readings().into_iter().filter_map(|reading| {
+            // A reading out of step drops a part at either end: it tells nothing where that observation alone was bad.
+            let as_given_mm = if reading.code == FindingCode::OutOfStep { without_an_end_mm } else { as_given_mm };
             let has_own_table = finds_table && reading.solve != Solve::HandEye;
             let free = if has_own_table { Free::JOINT } else { Free::HAND_EYE };
             let least = least_observations(free.count());
@@ -232,6 +235,17 @@ impl ReadingTrial<'_> {
             None => Figures { length_mm: Some(as_given_mm), other_length_mm: Some(other_mm), ..figures },
         };
         Some(CalibrationFinding::new(code, Severity::Error).with(figures))
+    }
+
+    /// Misfit of the observations as given without the first or the last of them, whichever is less, mm; infinite where too few are left.
+    fn misfit_without_an_end(&self, sightings: &[Sighting], finds_table: bool) -> f64 {
+        let free = if finds_table && self.solve != Solve::HandEye { Free::JOINT } else { Free::HAND_EYE };
+        let fewer = sightings.len().saturating_sub(1);
+        if fewer < least_observations(free.count()) {
+            return f64::INFINITY;
+        }
+        let misfits = [&sightings[1..], &sightings[..fewer]].map(|some| self.misfit(some, self.solve, finds_table));
+        misfits.into_iter().flatten().map(|(mm, _)| mm).fold(f64::INFINITY, f64::min)
     }
 
     /// Every reading but the one as given.

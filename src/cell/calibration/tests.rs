@@ -676,6 +676,20 @@ fn findings_of(task: &Task) -> Vec<CalibrationFinding> {
     task.calibrate().map_or_else(|findings| findings, |found| found.findings)
 }
 
+/// A shift by one is the zero of a table that turns in equal steps, and the reading out of step left the bad observation out: good
+/// records were told to be in the wrong order.
+#[test]
+fn one_bad_observation_at_either_end_is_not_told_as_records_out_of_step() {
+    let truth = truth();
+    for bad in 0..6 {
+        let mut sightings = exact(&truth, 6, 30.0, true, &mut Noise(11));
+        sightings[bad].cloud_from_board.translation.vector.x += 20.0;
+        let codes: Vec<FindingCode> =
+            findings_of(&task(sightings, Solve::Joint, None)).iter().map(|finding| finding.code).collect();
+        assert!(!codes.contains(&FindingCode::OutOfStep), "observation {bad} is bad: {codes:?}");
+    }
+}
+
 /// Such data were told to move the arm too little, to be of a table that turns the other way or by half its angle, and of a board
 /// 37 times as large, each beside the others.
 #[test]

@@ -239,5 +239,14 @@ impl Metered {
 }
 
 fn form_error(error: &MultipartError) -> ApiError {
-    if is_timeout(error) { request_timeout() } else { ApiError::new(Code::BadBody, error.body_text()) }
+    // The stream's own error; what is not a form is the parser's.
+    let causes = std::iter::successors(Some(error as &(dyn std::error::Error + 'static)), |error| error.source());
+    let is_broken_off = causes.into_iter().any(|cause| cause.is::<axum::Error>());
+    if is_timeout(error) {
+        request_timeout()
+    } else if is_broken_off {
+        body_error(error)
+    } else {
+        ApiError::new(Code::BadBody, error.body_text())
+    }
 }

@@ -175,13 +175,17 @@ pub struct OpenPart {
     pub at_mm: Point3<f64>,
     /// Deviation of that sample and its expanded uncertainty, mm; `None` where its points are farther off than is searched.
     pub deviation_mm: Option<[f64; 2]>,
+    /// Part of that uncertainty that poses and the alignment leave open, mm; `None` likewise.
+    pub of_poses_mm: Option<f64>,
 }
 
 impl OpenPart {
     /// Part of one sample.
     fn of(sample: &SampleDeviation, at_mm: Point3<f64>, area_mm2: f64) -> Self {
         let deviation_mm = [sample.distance_mm, sample.expanded_mm].map(f64::from);
-        Self { area_mm2, at_mm, deviation_mm: (!sample.is_off).then_some(deviation_mm) }
+        let is_near = !sample.is_off;
+        let of_poses_mm = is_near.then(|| sample.of_poses_mm());
+        Self { area_mm2, at_mm, deviation_mm: is_near.then_some(deviation_mm), of_poses_mm }
     }
 
     /// Both parts together.

@@ -4,7 +4,7 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::cell::PerDevice;
-use crate::geometry::{Part, Pose, ScannerFrame};
+use crate::geometry::{Hit, Part, Pose, ScannerFrame};
 use crate::inspection::coverage::{GriddedCloud, NominalModel};
 use crate::planning::context::Context;
 
@@ -14,8 +14,11 @@ const STRIDE_PX: f64 = 8.0;
 const MAX_POINTS: usize = 10_000;
 /// Distance of such a point from a line of sight within which the body hides it, as a multiple of the distance between points.
 const REACH: f64 = 2.0;
-/// Smallest share of the looked-at points that makes a body: single ones are mixed pixels.
+/// Smallest number of such points that makes a body: single ones are mixed pixels.
 const MIN_POINTS: usize = 8;
+/// Rays around a point's own that look for an edge of the model, and their distance there as a share of the search distance.
+const RAYS_AROUND: usize = 8;
+const AROUND: f64 = 0.2;
 
 /// A body in front of the model, as one scan shows it.
 pub(super) struct Foreign {
@@ -46,10 +49,11 @@ impl Foreign {
         let is_in_front =
             |ray: &Vector3<f64>, share: Option<f64>| share.is_none_or(|share| (share - 1.0) * ray.norm() > search_mm);
         let on_rays = points.into_iter().zip(&rays).zip(&hits);
-        let mut points_mm: Vec<Point3<f64>> = on_rays
+        let in_front: Vec<Point3<f64>> = on_rays
             .filter(|((_, ray), hit)| is_in_front(ray, hit.as_ref().map(|hit| hit.share)))
             .map(|((point, _), _)| point)
             .collect();
+        let mut points_mm = beyond_edges(&in_front, model, &centre_mm, search_mm, ctx);
         if points_mm.len() < MIN_POINTS {
             points_mm.clear();
         }
@@ -73,4 +77,35 @@ impl Foreign {
         };
         !self.points_mm.is_empty() && centres_mm.iter().any(crosses)
     }
+}
+
+/// The points beside whose rays no edge of the model lies at their depth or before it. The rays of points on an edge just miss it where
+/// pose or noise moves them to its side, and meet what lies far behind.
+fn beyond_edges(
+    points_mm: &[Point3<f64>],
+    model: &NominalModel<'_>,
+    centre_mm: &Point3<f64>,
+    search_mm: f64,
+    ctx: &Context<'_>,
+) -> Vec<Point3<f64>> {
+    let around = |point: &Point3<f64>| {
+        let ray = point - centre_mm;
+        let first = ray.cross(&Vector3::ith(ray.iamin(), 1.0)).normalize() * (AROUND * search_mm);
+        let second = ray.cross(&first).normalize() * (AROUND * search_mm);
+        (0..RAYS_AROUND).map(move |number| {
+            let (sin, cos) = (std::f64::consts::TAU * number as f64 / RAYS_AROUND as f64).sin_cos();
+            ray + first * cos + second * sin
+        })
+    };
+    let rays: Vec<Vector3<f64>> = points_mm.iter().flat_map(around).collect();
+    let mut hits = Vec::new();
+    model.surfaces().first_hits_from(ctx.simd_level(), centre_mm, &rays, &mut hits);
+    let by_point = rays.chunks(RAYS_AROUND).zip(hits.chunks(RAYS_AROUND));
+    let is_beside_edge = |(rays, hits): (&[Vector3<f64>], &[Option<Hit>])| {
+        let meets = |(ray, hit): (&Vector3<f64>, &Option<Hit>)| {
+            hit.as_ref().is_some_and(|hit| (hit.share - 1.0) * ray.norm() <= search_mm)
+        };
+        rays.iter().zip(hits).any(meets)
+    };
+    points_mm.iter().zip(by_point).filter(|(_, beside)| !is_beside_edge(*beside)).map(|(point, _)| *point).collect()
 }

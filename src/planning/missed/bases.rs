@@ -8,16 +8,18 @@ use crate::planning::visibility::{Optics, Probe};
 
 /// Candidates that are looked at before any shadow; of more, so many evenly spaced ones.
 const MAX_CONSIDERED: usize = 2048;
-/// The furthest of them are looked at with shadows.
-const MAX_SHORTLIST: usize = 128;
+/// The furthest of them are looked at with shadows: so many where they are bases only, and where raised limits alone may do. Views down
+/// a hole get no further before shadows than those that the hole's rim shadows.
+pub(super) const OF_BASES: usize = 128;
+pub(super) const OF_RAISED_LIMITS: usize = 1024;
 /// Candidates that remedies start from.
 const MAX_BASES: usize = 8;
 
-/// Candidates that get furthest at a spot, furthest first; each with how far it gets. Ties go to the lower number.
+/// Candidates that get furthest at a spot, `max` of them or fewer, furthest first; each with how far it gets. Ties go to the lower number.
 pub(super) fn shortlist(
     poses: &[Pose<Part, ScannerFrame>],
     keep: impl Fn(CandidateIndex) -> bool + Sync,
-    samples: &SpotSamples,
+    (samples, max): (&SpotSamples, usize),
     optics: &Optics,
     rays: &RayScene,
     ctx: &Context<'_>,
@@ -29,7 +31,7 @@ pub(super) fn shortlist(
     let mut cheap = parallel::try_map::<_, _, Cancelled>(&considered, cheap)?;
     // Stable, like the next: ties stay in the order of candidates.
     cheap.sort_by_key(|(_, progress)| std::cmp::Reverse(*progress));
-    cheap.truncate(MAX_SHORTLIST);
+    cheap.truncate(max);
     let full = |(candidate, _): &(CandidateIndex, u32)| Ok((*candidate, samples.progress(&probe(*candidate)?)));
     let mut full = parallel::try_map::<_, _, Cancelled>(&cheap, full)?;
     full.sort_by_key(|(candidate, progress)| (std::cmp::Reverse(progress.sum()), *candidate));

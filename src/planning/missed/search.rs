@@ -199,7 +199,8 @@ impl<'a> RemedySearch<'a> {
 
     fn remedy(mut self) -> Result<Remedy, Cancelled> {
         let (context, rays) = (self.context, self.context.analysis.occluders.rays());
-        let shortlist = bases::shortlist(&context.poses, |_| true, &self.samples, &context.optics, rays, self.ctx)?;
+        let shortlist =
+            bases::shortlist(&context.poses, |_| true, (&self.samples, bases::OF_BASES), &context.optics, rays, self.ctx)?;
         self.tried += shortlist.len();
         let bases = bases::choose(&shortlist);
         let source = ProposalSource {
@@ -410,7 +411,14 @@ impl<'a> RemedySearch<'a> {
     fn raised_limit(&mut self, tried: &[Tried], source: &ProposalSource<'_>) -> Result<Option<Remedy>, Cancelled> {
         let (context, rays) = (self.context, self.context.analysis.occluders.rays());
         let choosable = |candidate: CandidateIndex| context.analysis.choosable[candidate.index()];
-        let shortlist = bases::shortlist(&context.poses, choosable, &self.samples, &context.widest, rays, self.ctx)?;
+        let shortlist = bases::shortlist(
+            &context.poses,
+            choosable,
+            (&self.samples, bases::OF_RAISED_LIMITS),
+            &context.widest,
+            rays,
+            self.ctx,
+        )?;
         let as_is: Vec<Proposal> = shortlist.iter().map(|(candidate, _)| source.as_is(*candidate)).collect();
         self.tried += as_is.len();
         if let Some(remedy) = self.smallest_limit(&as_is, source)? {

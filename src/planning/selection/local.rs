@@ -300,7 +300,7 @@ fn together(of_goals: impl Iterator<Item = i64>) -> i64 {
 
 /// Cover of some blocks.
 struct PartialCover {
-    /// See [`CoverState::segments`].
+    /// Segments of these blocks ([`CoverState::segments`]).
     segments: Vec<BlockSegment>,
     /// Units covered of each goal.
     covered: Vec<i64>,

@@ -6,7 +6,7 @@ use super::markup::{duration, escape, number, percent, prose};
 use super::sections::digest;
 use crate::cell::CalibrationProvenance;
 use crate::planning::params::{PlanParams, PoseErrorParams};
-use crate::planning::plan::{Bound, Drawn, Robust};
+use crate::planning::plan::{Bound, Drawn, Plan, Robust};
 use crate::planning::sequence::Sequence;
 use crate::report::text::holds_grades;
 use crate::wire::plan::{AtRiskDocument, RobustDocument};
@@ -21,7 +21,7 @@ pub(super) fn section(input: &ReportInput<'_>) -> String {
     let asked = asked_name(plan.coverage.is_of_open);
     let calibrated = input.subject.cell.and_then(|cell| cell.calibrated.as_ref());
     let robust = robust.map_or_else(String::new, |robust| {
-        fragile(&plan.params, robust, plan.coverage.is_of_open)
+        fragile(plan, robust)
             + &under_pose_errors(robust, asked, source_of(&robust.pose_error, calibrated))
             + moved_along(input.subject.cell.is_some())
     });
@@ -215,8 +215,9 @@ fn moved_along(has_cell: bool) -> &'static str {
 }
 
 /// Notice that the plan is fragile under pose errors; empty if it is not.
-fn fragile(params: &PlanParams, robust: &Robust, is_of_open: bool) -> String {
-    of_robust(params, &RobustDocument::from(robust), is_of_open, "").map_or_else(String::new, |warning| {
+fn fragile(plan: &Plan, robust: &Robust) -> String {
+    let stopped = (plan.coverage.is_of_open, plan.stopped_because);
+    of_robust(&plan.params, &RobustDocument::from(robust), stopped, "").map_or_else(String::new, |warning| {
         format!(
             "<div class=\"notice\" style=\"margin-bottom:12px\"><p><b>Fragile under pose errors</b> <code>{}</code>: \
              <code>{}</code> {}. What to do: {}.</p></div>\n",

@@ -154,6 +154,10 @@ pub struct OpenPartDocument {
     pub deviation_mm: Option<f64>,
     /// Expanded uncertainty at that point, k = 2; `null` where the points lie beyond the search distance.
     pub expanded_uncertainty_mm: Option<f64>,
+    /// Share of that uncertainty that is due to the poses and the alignment; `null` where the points lie beyond the search distance,
+    /// and in inspections of earlier releases.
+    #[serde(default)]
+    pub pose_uncertainty_mm: Option<f64>,
 }
 
 /// A spot that deviates.
@@ -233,7 +237,13 @@ impl From<&RegionDeviation> for RegionDeviationDocument {
 impl From<OpenPart> for OpenPartDocument {
     fn from(part: OpenPart) -> Self {
         let [deviation_mm, expanded_uncertainty_mm] = [0, 1].map(|place| part.deviation_mm.map(|figures| figures[place]));
-        Self { area_mm2: part.area_mm2, at_mm: part.at_mm.coords.into(), deviation_mm, expanded_uncertainty_mm }
+        Self {
+            area_mm2: part.area_mm2,
+            at_mm: part.at_mm.coords.into(),
+            deviation_mm,
+            expanded_uncertainty_mm,
+            pose_uncertainty_mm: part.of_poses_mm,
+        }
     }
 }
 
@@ -282,11 +292,21 @@ impl DeviationDocument {
     }
 }
 
+/// Min part of an expanded uncertainty, whose square is half, from which on it is said to be mostly due to poses.
+const MIN_OF_POSES: f64 = std::f64::consts::FRAC_1_SQRT_2;
+
 /// Sentence for a region that only what poses leave open keeps from passing: how large that is, and the remedy.
 fn open_poses_sentence(region: &RegionDeviationDocument) -> Option<String> {
-    let open_mm = region.pose_uncertainty_mm.filter(|_| region.is_open_by_poses)?;
+    // At the place that keeps it from passing: the median of a region says nothing of a few samples.
+    let of_place = region.open.as_ref().and_then(|open| open.pose_uncertainty_mm);
+    let open_mm = of_place.or(region.pose_uncertainty_mm).filter(|_| region.is_open_by_poses)?;
+    // Their part of U at that place may be small, and still be what is too much there.
+    let is_most =
+        region.open.as_ref().and_then(|open| open.expanded_uncertainty_mm).is_none_or(|mm| open_mm >= MIN_OF_POSES * mm);
+    let which =
+        if is_most { "U is mostly due to the" } else { "Points alone would let it pass, without what is left open by the" };
     Some(format!(
-        "U is mostly due to the poses of the views (± {open_mm:.3} mm): calibrate the cell, or state how well its poses are \
+        "{which} poses of the views (± {open_mm:.3} mm): calibrate the cell, or state how well its poses are \
          known (align.prior_mm); otherwise a step, hole or rib that views from both sides see has to tie them together."
     ))
 }
@@ -494,7 +514,12 @@ mod tests {
     /// Such a region said that it is undecided, and neither where nor why.
     #[test]
     fn an_undecided_region_names_the_place_that_keeps_it_from_passing() {
-        let part = |deviation_mm: Option<[f64; 2]>| OpenPart { area_mm2: 0.25, at_mm: [99.98, 22.51, 45.0].into(), deviation_mm };
+        let part = |deviation_mm: Option<[f64; 2]>| OpenPart {
+            area_mm2: 0.25,
+            at_mm: [99.98, 22.51, 45.0].into(),
+            deviation_mm,
+            of_poses_mm: deviation_mm.map(|[_, expanded_mm]| 0.9 * expanded_mm),
+        };
         let region = RegionDeviation {
             name: "x100".into(),
             tolerance_mm: Some(0.3),
@@ -517,7 +542,14 @@ mod tests {
         // The poses' part in U hid the place.
         let by_poses = told(RegionDeviation { is_open_by_poses: true, of_poses_mm: Some(0.24), ..region.clone() });
         let by_poses = by_poses.expect("a place");
-        assert!(by_poses.starts_with(&format!("{wanted} U is mostly due to the poses of the views (± 0.240 mm)")), "{by_poses}");
+        assert!(by_poses.starts_with(&format!("{wanted} U is mostly due to the poses of the views (± 0.018 mm)")), "{by_poses}");
+        let mut small = RegionDeviation { is_open_by_poses: true, ..region.clone() };
+        small.open.as_mut().expect("a place").of_poses_mm = Some(0.002);
+        let small = told(small).expect("a place");
+        assert!(
+            small.contains("Points alone would let it pass, without what is left open by the poses of the views (± 0.002"),
+            "{small}"
+        );
         let off = RegionDeviation { open: Some(part(None)), ..region.clone() };
         let wanted = "0.250 mm² of it may lie beyond ±0.150 mm, farthest at (100.0, 22.5, 45.0) mm: beyond the search distance.";
         assert_eq!(told(off).expect("a place"), wanted);

@@ -414,7 +414,7 @@ fn further_views_are_told_with_the_rule_of_the_rescan_that_ended_their_choice() 
         // Of the first plan, and not heeded.
         further.params.selection.max_views = Some(9);
         let summary = Summary::of(&further);
-        let head = "Simulated coverage (open: asked area that earlier scans left open), independent check: ";
+        let head = "Simulated coverage (open: asked area that earlier scans left open, but for losses that no further view mends), independent check: ";
         assert!(summary.coverage_text.starts_with(head), "{}", summary.coverage_text);
         (summary.verdict, summary.verdict_text)
     };

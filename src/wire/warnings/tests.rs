@@ -4,7 +4,7 @@ use super::*;
 use crate::cell::{Body, CellDistances, HousingFace, PoseSpec, Presets, Shape, SpecKind, SpecLibrary};
 use crate::geometry::{Mesh, Poll, stable_poses};
 use crate::planning::params::{FeatureParams, InterestParams, PoseErrorParams, Region};
-use crate::planning::plan::{Cause, IndependentRegion, RegionCoverage, RegionKind};
+use crate::planning::plan::{Cause, IndependentRegion, RegionCoverage, RegionKind, StopReason};
 use crate::wire::plan::{DrawnDocument, MisplacedDocument};
 use crate::wire::words::shortfall;
 
@@ -217,7 +217,7 @@ fn losing([views, part, hand_eye]: [f64; 3]) -> RobustDocument {
 #[test]
 fn a_plan_that_loses_more_than_a_point_is_fragile_and_says_which_knob_helps() {
     let mut params = PlanParams::default();
-    let found = of_robust(&params, &losing([0.004, 0.0231, 0.012]), false, "/params").expect("fragile");
+    let found = of_robust(&params, &losing([0.004, 0.0231, 0.012]), (false, StopReason::Target), "/params").expect("fragile");
     assert_eq!((found.code, found.pointer.as_str()), (WarningCode::FragileUnderPoseError, "/params/robust/select"));
     assert_eq!(
         found.detail,
@@ -226,10 +226,23 @@ fn a_plan_that_loses_more_than_a_point_is_fragile_and_says_which_knob_helps() {
     );
     assert!(found.remedy.contains("--set robust.select=true"), "{}", found.remedy);
     params.robust.select = true;
-    let found = of_robust(&params, &losing([0.004, 0.0231, 0.012]), false, "").expect("fragile all the same");
+    let found =
+        of_robust(&params, &losing([0.004, 0.0231, 0.012]), (false, StopReason::Target), "").expect("fragile all the same");
     assert!(found.detail.starts_with("is true, and yet") && !found.remedy.contains("robust.select"), "{found:?}");
+    // A larger target changes nothing where something else ended the choice.
+    for (stopped_because, knob) in
+        [(StopReason::MaxViews, "raise selection.max_views"), (StopReason::Growth, "lower selection.min_growth")]
+    {
+        let found =
+            of_robust(&params, &losing([0.004, 0.0231, 0.012]), (false, stopped_because), "").expect("fragile all the same");
+        assert!(found.remedy.starts_with(knob) && !found.remedy.contains("selection.target"), "{}", found.remedy);
+    }
+    let of_rescan = |stopped_because| of_robust(&params, &losing([0.004, 0.0231, 0.012]), (true, stopped_because), "");
+    assert!(of_rescan(StopReason::MaxViews).is_some_and(|found| found.remedy.starts_with("raise max_views of the rescan")));
+    assert!(of_rescan(StopReason::Growth).is_some_and(|found| found.remedy.starts_with("lower min_gain of the rescan")));
     // Shares of a plan of further views are of what earlier scans left open.
-    let further = of_robust(&params, &losing([0.004, 0.0231, 0.012]), true, "").expect("fragile all the same");
+    let further =
+        of_robust(&params, &losing([0.004, 0.0231, 0.012]), (true, StopReason::Target), "").expect("fragile all the same");
     assert_eq!(further.detail, found.detail.replace("asked area", "open area"));
     assert_ne!(further.detail, found.detail);
 }
@@ -237,9 +250,9 @@ fn a_plan_that_loses_more_than_a_point_is_fragile_and_says_which_knob_helps() {
 #[test]
 fn a_plan_that_loses_less_is_not_warned_of() {
     let params = PlanParams::default();
-    assert_eq!(of_robust(&params, &losing([0.009, 0.008, 0.0]), false, ""), None);
+    assert_eq!(of_robust(&params, &losing([0.009, 0.008, 0.0]), (false, StopReason::Target), ""), None);
     let without_hand_eye = RobustDocument { hand_eye: None, ..losing([0.0, 0.0, 0.5]) };
-    assert_eq!(of_robust(&params, &without_hand_eye, false, ""), None);
+    assert_eq!(of_robust(&params, &without_hand_eye, (false, StopReason::Target), ""), None);
 }
 
 #[test]
