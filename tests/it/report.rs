@@ -435,8 +435,8 @@ fn the_page_of_further_views_names_the_rules_of_the_rescan() {
     for said in [
         "<title>Plan of further views: sphere</title>",
         ": further views measure ",
-        "(open: asked area that earlier scans left open)",
-        "<td class=\"soft\">open: asked area that earlier scans left open</td>",
+        "(open: asked area that earlier scans left open, but for losses that no further view mends)",
+        "<td class=\"soft\">open: asked area that earlier scans left open, but for losses that no further view mends</td>",
         "The choice of views ended because the rescan has as many views as its max_views allows, 4. No lower bound on the number",
         "Choose more views: raise max_views of the rescan",
         "raise max_views of the rescan so that candidate 7 is chosen too",

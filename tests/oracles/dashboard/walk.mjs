@@ -1048,7 +1048,8 @@ async function stepped(id) {
   await begin({ time_factor: "20", single_step: true });
   await page.locator("#run-state.armed").waitFor();
   await page.getByRole("button", { name: "Resume", exact: true, disabled: false }).waitFor();
-  for (const step of [0, 1]) {
+  // The step that comes next is told.
+  for (const step of [1, 2]) {
     await press("Carry out one step");
     await page.waitForFunction((step) => document.querySelector("#run-state.paused") && document.querySelector("#run-progress").textContent.startsWith(`${step} `), step);
   }
