@@ -19,6 +19,9 @@ const CELL: &str = "e05-transcan";
 const OPERATOR: &str = "vantage demo";
 /// Longest wait for the program's check and the controllers' answer.
 const PREPARING: Duration = Duration::from_secs(60);
+/// Time within which a simulated controller answers, ms: longer than a real one takes, so that other work on this machine does not end the
+/// run.
+const REPLY_MS: u32 = 400;
 /// Address on which simulated controllers listen, on free ports.
 const ADDRESS: &str = "127.0.0.1:0";
 
@@ -33,8 +36,10 @@ pub(super) async fn start_controllers(folder: &Path, execution: &mut ExecutionSe
     let setup = DriveSetup::default();
     let (listener, table_address) = MinasA6Simulator::listen(ADDRESS).await.map_err(listening)?;
     let text = format!(
-        "{}\n[controllers]\nfirst_run_speed = 1.0\n[controllers.arm]\nprotocol = \"hans\"\naddress = \"{arm_address}\"\n\
-         [controllers.table]\nprotocol = \"minas_a6\"\naddress = \"tcp://{table_address}\"\nunits_per_turn = {}\ngear_ratio = {}\n",
+        "{}\n[controllers]\nfirst_run_speed = 1.0\nwatchdog_ms = 500\nstate_max_age_ms = {REPLY_MS}\n\
+         [controllers.arm]\nprotocol = \"hans\"\naddress = \"{arm_address}\"\nreply_timeout_ms = {REPLY_MS}\n\
+         [controllers.table]\nprotocol = \"minas_a6\"\naddress = \"tcp://{table_address}\"\nreply_timeout_ms = {REPLY_MS}\n\
+         units_per_turn = {}\ngear_ratio = {}\n",
         preset_text(SpecKind::Cell, CELL).unwrap_or_default(),
         setup.units_per_turn,
         setup.gear_ratio,
