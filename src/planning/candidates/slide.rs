@@ -78,7 +78,8 @@ impl<'a> Slide<'a> {
             (surface_mm, Standoff::FirstSurface) => surface_mm,
             (surface_mm, _) => {
                 let from_surface = surface_mm.and_then(|forward_mm| self.best(&start, samples, forward_mm));
-                from_surface.or_else(|| self.best(&start, samples, 0.0)).or(surface_mm)
+                let of_block = from_surface.or_else(|| self.best(&start, samples, 0.0));
+                of_block.or_else(|| self.best(&start, &self.part, surface_mm?)).or(surface_mm)
             }
         };
         position_mm + orientation * Vector3::z() * forward_mm.unwrap_or(0.0)

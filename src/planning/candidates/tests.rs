@@ -132,18 +132,43 @@ fn the_slide_ends_where_all_devices_are_in_focus() {
     assert!((478.0..=482.0).contains(&depth_mm), "the tops are {depth_mm} mm away");
 }
 
+/// One mesh of two.
+fn merged([mut all, more]: [Mesh; 2]) -> Mesh {
+    let (first, first_face) = (all.vertices_mm.len() as u32, all.source_face.len() as u32);
+    all.faces.extend(more.faces.iter().map(|face| face.map(|vertex| first + vertex)));
+    all.source_face.extend(more.source_face.iter().map(|face| face + first_face));
+    all.vertices_mm.extend(more.vertices_mm);
+    all
+}
+
+/// A view of a block that a wall hides put the knob on the wall at F, and measured nothing where the knob stood far enough out.
+#[test]
+fn a_view_that_sees_nothing_of_its_block_slides_by_what_it_sees() {
+    let wall = merged([box_mesh([298.0, 0.0, 0.0], [300.0, 120.0, 120.0]), box_mesh([300.0, 55.0, 55.0], [340.0, 65.0, 65.0])]);
+    let mesh = merged([wall, box_mesh([0.0; 3], [100.0, 120.0, 120.0])]);
+    let part = PartParams { patch_edge_mm: Some(8.0), samples_per_mm2: Some(0.05), ..PartParams::default() };
+    let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
+    let (scanner, flag) = (nominal_scanner(), AtomicBool::new(false));
+    let sight = Sight::of(&mesh, &surface, &scanner);
+    let scope = scope(&mesh, &surface, &scanner, &sight);
+    let viewpoints_mm = |standoff| {
+        let params = CandidateParams { standoff, ..CandidateParams::ellipsoid() };
+        let generated = generate(&scope, &params, &Context::new(&flag, &Silent)).unwrap_or_else(|error| panic!("{error}"));
+        let from_right =
+            poses(&generated).into_iter().filter(|pose| (pose.direction(&Vector3::z()) + Vector3::x()).norm() < 1e-6);
+        from_right.map(|pose| pose.origin_mm().x).collect::<Vec<_>>()
+    };
+    let near = |at_mm: f64| move |x_mm: &f64| (x_mm - at_mm).abs() < 3.0;
+    let by_axis = viewpoints_mm(Standoff::FirstSurface);
+    assert!(!by_axis.is_empty() && by_axis.iter().all(near(340.0 + 480.0)), "{by_axis:?}");
+    let by_surface = viewpoints_mm(Standoff::Surface);
+    assert!(!by_surface.is_empty() && by_surface.iter().all(near(300.0 + 480.0)), "{by_surface:?}");
+}
+
 #[test]
 fn the_slide_weighs_the_visible_surface_of_the_block_and_not_what_is_hidden() {
     // A low plate below a small table: from above, the table's top is on the axis, but most of what is seen is the plate 50 mm
     // below. The underside of the table and what it hides of the plate must not count.
-    let merged = |meshes: [Mesh; 2]| {
-        let [mut all, more] = meshes;
-        let (first, first_face) = (all.vertices_mm.len() as u32, all.source_face.len() as u32);
-        all.faces.extend(more.faces.iter().map(|face| face.map(|vertex| first + vertex)));
-        all.source_face.extend(more.source_face.iter().map(|face| face + first_face));
-        all.vertices_mm.extend(more.vertices_mm);
-        all
-    };
     let mesh = merged([box_mesh([0.0; 3], [120.0, 120.0, 2.0]), box_mesh([45.0, 45.0, 51.0], [75.0, 75.0, 52.0])]);
     let part = PartParams { patch_edge_mm: Some(4.0), samples_per_mm2: Some(0.05), ..PartParams::default() };
     let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
