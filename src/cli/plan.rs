@@ -20,7 +20,7 @@ use crate::geometry::mesh_io::ReadMesh;
 use crate::geometry::{Interrupted, LazyStablePoses, LengthUnit, Mesh, Poll};
 use crate::planning::context::{Context, NoPlan, Stage};
 use crate::planning::params::PlanParams;
-use crate::planning::plan::{Outcome, RegionCoverage, Robust, StopReason};
+use crate::planning::plan::{Outcome, RegionCoverage, StopReason};
 use crate::planning::sequence::Roadmaps;
 use crate::planning::{PlanError, UpAxis, standing};
 use crate::report::html::NoPlanReason;
@@ -32,7 +32,7 @@ use crate::service::plan_job::{
 use crate::wire::candidates::CANDIDATES_FILE;
 use crate::wire::echo::Echo;
 use crate::wire::ovp::OvpDocument;
-use crate::wire::plan::{RegionCoverageDocument, RobustDocument};
+use crate::wire::plan::{CoverageDocument, RegionCoverageDocument};
 use crate::wire::regions::REGIONS_FILE;
 use crate::wire::warnings::FieldWarning;
 use crate::wire::words::{NOTHING_IN_REGION, area_mm2, counted, independent_share, no_plan_sentence, percent_below};
@@ -346,7 +346,7 @@ impl<'a> PartPlanner<'a> {
     /// plan of which no view is carried out.
     pub(super) fn judge(&self, planned: &PlannedPart) -> Result<(), CliError> {
         let coverage = &planned.outcome.plan.coverage;
-        warn_of_errors(&self.params, coverage.robust.as_ref(), planned.outcome.plan.stopped_because);
+        warn_of_quality(&self.params, &CoverageDocument::from(coverage), planned.outcome.plan.stopped_because);
         let regions = judge_regions(self.args.strict, &self.params, &coverage.regions, &planned.empty_regions);
         require_a_view(planned.outcome.plan.executed_views(), planned.outcome.plan.views.len())?;
         regions
@@ -407,10 +407,11 @@ pub(super) fn placed(params: &PlanParams, up: Option<UpAxis>, mesh: &Mesh) -> Pl
     params
 }
 
-/// Warns of a plan that loses much under pose errors.
-fn warn_of_errors(params: &PlanParams, robust: Option<&Robust>, stopped_because: StopReason) {
-    let stopped = (false, stopped_because);
-    let fragile = robust.and_then(|robust| warnings::of_robust(params, &RobustDocument::from(robust), stopped, ""));
+/// Warns of a plan that measures less at grade A than is asked for, or loses much under pose errors.
+fn warn_of_quality(params: &PlanParams, coverage: &CoverageDocument, stopped_because: StopReason) {
+    warn("parameters", warnings::of_grade_a(params, coverage, stopped_because, "").as_slice());
+    let robust = coverage.robust.as_ref();
+    let fragile = robust.and_then(|robust| warnings::of_robust(params, robust, (false, stopped_because), ""));
     warn("parameters", fragile.as_slice());
 }
 

@@ -344,6 +344,9 @@ params! {
         /// what greedy's views give; `null` sets no limit. A larger share allows fewer views, which look at more of the surface
         /// obliquely.
         max_grade_loss: Option<f64> = Some(0.01), [0.0, 1.0] "";
+        /// `local` and `certified`: share of the asked area that the views must measure at grade A, as far as the candidates can;
+        /// `null` asks for none beyond `max_grade_loss`. More area at grade A takes more views: often one for each 5 % of the asked area.
+        min_grade_a: Option<f64> = None, [0.0, 1.0] "";
         /// Approximate number of samples that views are chosen on; more are taken where small features need them. The chosen
         /// views are then evaluated on every sample. Default: 8 000 plus one for each 25 mm² of surface, at most 40 000; 40 000
         /// for a part that takes many views.
@@ -422,6 +425,13 @@ impl PlanParams {
         self.output.check_ranges("/output", &mut findings);
         self.score.check(&mut findings);
         self.selection.check(&mut findings);
+        let as_chosen = self.preset.apply(self);
+        let can_ask = self.selection.min_grade_a.is_none() || as_chosen.selection.keeps_grades(&as_chosen.score);
+        findings.require(can_ask, "/selection/min_grade_a", || {
+            "is given; it needs selection.solver = local or certified, selection.objective = score, score.b above 0 and a \
+             selection.goal other than best_coverage"
+                .into()
+        });
         self.robust.check(&mut findings);
         findings
     }

@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::cell::Separation;
 use crate::geometry::Pose;
-use crate::planning::params::{Corners, Objective, PlanParams, SelectionGoal, Solver};
+use crate::planning::params::{Corners, PlanParams};
 use crate::planning::plan::{
     Bound, Cause, Coverage, MissedCause, Obstruction, Plan, Remedy, RemedyKind, RiskReason, SetupId, SetupLink, SetupPlan,
     Stability, share,
@@ -288,8 +288,7 @@ pub(super) fn keeps_unstable_pose(adds_setup: impl IntoIterator<Item = bool>, wa
 /// Returns true if the views, and so the bound on their number, have to keep the grades of greedy's choice.
 pub(super) fn holds_grades(params: &PlanParams) -> bool {
     let selection = &params.selection;
-    let is_asked = selection.max_grade_loss.is_some() && matches!(selection.solver, Solver::Local | Solver::Certified);
-    is_asked && selection.objective == Objective::Score && params.score.b > 0.0 && selection.goal != SelectionGoal::BestCoverage
+    selection.keeps_grades(&params.score) && (selection.max_grade_loss.is_some() || selection.min_grade_a.is_some())
 }
 
 /// Writes the bounds; that of the number of views is left out where none was computed, as of further views.

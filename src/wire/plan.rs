@@ -388,8 +388,8 @@ impl From<ChosenOn> for ChosenOnDocument {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct BoundDocument {
-    /// Lower bound on the number of views that reach the goals, including those on grades (`selection.max_grade_loss`); a goal
-    /// that the plan misses counts only as far as the plan reaches it.
+    /// Lower bound on the number of views that reach the goals, including those on grades (`selection.max_grade_loss`,
+    /// `selection.min_grade_a`); a goal that the plan misses counts only as far as the plan reaches it.
     pub views_lower: u32,
     /// Number of chosen views minus `views_lower`; 0 proves that no selection needs fewer.
     pub gap: u32,

@@ -35,6 +35,8 @@ closed_list! {
         /// The region or feature reaches its target on the samples that views were chosen on, and misses it on others by more than the
         /// standard error of their share.
         RegionUnconfirmed = "region_unconfirmed",
+        /// The views measure less of the asked area at grade A than `selection.min_grade_a` asks for.
+        GradeAUnmet = "grade_a_unmet",
         /// The plan loses more than one point of the asked area if poses are off by the error that it was evaluated with.
         FragileUnderPoseError = "fragile_under_pose_error",
         /// The part's longest edge is less than 5 % of the scanner's field: its unit may be wrong.
@@ -83,6 +85,7 @@ impl WarningCode {
         match self {
             Self::RegionUnmet
             | Self::RegionUnconfirmed
+            | Self::GradeAUnmet
             | Self::FragileUnderPoseError
             | Self::PartUnstable
             | Self::HomeBlocked
@@ -494,9 +497,37 @@ pub fn of_empty_region(list: RegionUse, place: usize, part: &Aabb, at: &str) -> 
 pub fn of_coverage(params: &PlanParams, coverage: &CoverageDocument, stopped_because: StopReason, at: &str) -> Vec<FieldWarning> {
     let mut warnings = of_regions(params, &coverage.regions, at);
     warnings.extend(of_refuted_regions(params, &coverage.regions, at));
+    warnings.extend(of_grade_a(params, coverage, stopped_because, at));
     let fragile = |robust: &RobustDocument| of_robust(params, robust, (coverage.of_open, stopped_because), at);
     warnings.extend(coverage.robust.as_ref().and_then(fragile));
     warnings
+}
+
+/// Warning on a plan whose views measure less at grade A than is asked for; `at` is the pointer to its parameters. Further views of the
+/// open area are not chosen by it.
+#[must_use]
+pub fn of_grade_a(
+    params: &PlanParams,
+    coverage: &CoverageDocument,
+    stopped_because: StopReason,
+    at: &str,
+) -> Option<FieldWarning> {
+    let asked = params.selection.min_grade_a.filter(|asked| !coverage.of_open && coverage.grades.a < *asked)?;
+    let remedy = if stopped_because == StopReason::MaxViews {
+        "raise selection.max_views, or ask for less"
+    } else {
+        "give views more places to choose from (candidates.even_directions, candidates.standoffs_mm), or ask for less; where little is \
+         missing, ask for slightly more, since views are chosen on some of the samples"
+    };
+    Some(FieldWarning {
+        code: WarningCode::GradeAUnmet,
+        pointer: format!("{at}/selection/min_grade_a"),
+        detail: format!(
+            "is {asked}; the views measure {} % of the asked area at grade A",
+            percent_below(coverage.grades.a, 1.0, 2)
+        ),
+        remedy: remedy.to_owned(),
+    })
 }
 
 /// Warning on a plan that loses more than [`Robust::MAX_LOSS`] of the asked area, of further views of the open area, in some draw

@@ -38,6 +38,20 @@ fn fewer_views_keep_the_grade_a_of_greedys_once_both_are_slid() {
     keeps_grade_a("base", &demo_parts::base(20_000).expect("a demo part"), None, &params);
 }
 
+/// The same target with more at grade A, which takes more views.
+#[test]
+fn as_much_at_grade_a_is_measured_as_is_asked_for() {
+    let mesh = demo_parts::base(20_000).expect("a demo part");
+    let mut params = PlanParams::default();
+    let (views, share) = planned(&mesh, None, &params, Solver::Local);
+    let asked = share + 0.15;
+    params.selection.min_grade_a = Some(asked);
+    let (more_views, more) = planned(&mesh, None, &params, Solver::Local);
+    println!("base: {views} views, {share:.4} at grade A; asked for {asked:.4}: {more_views} views, {more:.4}");
+    assert!(more_views > views && more_views <= views + 6, "{more_views} views in place of {views}");
+    assert!(more >= asked, "{more} at grade A, asked for {asked}");
+}
+
 #[test]
 #[ignore = "long: tests/all runs it"]
 fn fewer_views_keep_the_grade_a_of_greedys_on_public_parts() {

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::SelectionParams;
 use super::knob::params;
+use super::{Objective, ScoreParams, SelectionParams, Solver};
 use crate::cell::Findings;
 
 /// Goal of the selection.
@@ -33,6 +33,13 @@ params! {
 }
 
 impl SelectionParams {
+    /// Returns true if the selection can keep floors under grades: it exchanges views, and quality counts.
+    #[must_use]
+    pub fn keeps_grades(&self, score: &ScoreParams) -> bool {
+        let exchanges = matches!(self.solver, Solver::Local | Solver::Certified);
+        exchanges && self.objective == Objective::Score && score.b > 0.0 && self.goal != SelectionGoal::BestCoverage
+    }
+
     pub(super) fn check(&self, findings: &mut Findings) {
         self.check_ranges("/selection", findings);
         let overlap = &self.overlap;

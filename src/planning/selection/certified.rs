@@ -11,12 +11,13 @@ use std::sync::Arc;
 use super::bound::{self, Bound, OpenBound, goals_of};
 use super::branch::{CoverResult, SearchNode, search};
 use super::classes::Classes;
+use super::grade_floor::GradeFloor;
 use super::local::{Budget, Exchange};
 use super::multipliers::{BoundTarget, Multipliers, RelaxationSize};
 use super::overlap::Overlap;
 use super::score::Scorer;
 use super::units::Units;
-use super::{Cover, CoverProblem, OpenSelection, StopReason, greedy, improve_score, is_for_coverage, local, max_views};
+use super::{CoverProblem, OpenSelection, StopReason, greedy, is_for_coverage, local, max_views};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{RowIndex, SampleId};
 use crate::planning::params::{ScoreParams, SelectionParams};
@@ -30,11 +31,11 @@ pub(super) fn select(
     problem: &CoverProblem<'_>,
     params: &SelectionParams,
     weights: &ScoreParams,
-    start: Option<&Cover>,
+    floor: Option<&GradeFloor>,
     ctx: &Context<'_>,
 ) -> Result<OpenSelection, Cancelled> {
     let scorer = Scorer::new(problem, params, weights, ctx.simd_level());
-    let mut found = local::search(&scorer, params, start, ctx)?;
+    let mut found = local::search(&scorer, params, floor, ctx)?;
     let overlap = Overlap::new(problem, &params.overlap);
     let mut proof = Proof { problem, overlap: &overlap, left: u64::from(params.work_limit) * 1_000_000, ctx };
     let bound = if is_for_coverage(params) {
@@ -45,7 +46,7 @@ pub(super) fn select(
     let rows = problem.measured(&found.rows);
     let goals = goals_of(problem, &rows, is_for_coverage(params));
     let exchange = Exchange { problem, goals: &goals, overlap: &overlap };
-    let rows = improve_score::run(&scorer, &exchange, found.rows, &mut Budget { left: u64::MAX }, ctx)?;
+    let rows = local::best_scored(&scorer, &exchange, (found.rows, floor), &mut Budget { left: u64::MAX }, ctx)?;
     // Fewer views that measure what all that may be chosen did: those that they save are there for more of the goals.
     let saves_some = found.stopped_because == StopReason::MaxViews && rows.len() < max_views(params) && !is_for_coverage(params);
     let (rows, stopped_because) = if saves_some {

@@ -1,5 +1,6 @@
 //! The floor under grades: fewer views must not be bought with worse ones. Greedy by score chooses first; the views taken in its
-//! place must give grade A, and grades A and B together, to all but a small share of the asked area to which greedy's do.
+//! place must give grade A, and grades A and B together, to all but a small share of the asked area to which greedy's do. A job may ask
+//! for more of grade A than that; greedy's views are then joined by those that add most of it, until they give as much.
 //!
 //! The floors are goals like any other. Each sample has a twin for each floor: a row holds the twin of what it measures at that
 //! grade or better, and a goal asks for enough area of twins. Twins count in no score. Of more than [`MAX_TWINNED`] samples only
@@ -8,11 +9,13 @@
 
 use std::borrow::Cow;
 
-use super::{CoverProblem, FirstChoice, Floors, Goal, coverable_mm2, greedy};
+use super::overlap::Overlap;
+use super::score::Uncovered;
+use super::{Choice, Cover, CoverProblem, FirstChoice, Floors, Goal, coverable_mm2, greedy, max_views};
 use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
-use crate::planning::ids::SampleId;
-use crate::planning::params::{Objective, ScoreParams, SelectionParams, Solver};
+use crate::planning::ids::{RowIndex, SampleId};
+use crate::planning::params::{ScoreParams, SelectionParams};
 use crate::planning::verdict::Grade;
 use crate::planning::visibility::{QualityScale, Row, SampleSet, ones};
 
@@ -29,7 +32,7 @@ pub(in crate::planning) struct GradeFloor {
     goals: Vec<Goal<'static>>,
     /// Every so many samples one has twins.
     stride: usize,
-    pub(super) start: super::Cover,
+    pub(super) start: Cover,
 }
 
 /// Area that views must measure of each grade that has a floor, or better, with the twins by which it was told.
@@ -60,16 +63,18 @@ impl GradeFloor {
         first: Option<&FirstChoice>,
         ctx: &Context<'_>,
     ) -> Result<Option<Self>, Cancelled> {
-        let Some(max_loss) = Self::max_loss(params, weights) else { return Ok(None) };
-        if problem.rows.iter().any(|row| row.quality().is_none()) {
+        if !Self::is_asked(params, weights) || problem.rows.iter().any(|row| row.quality().is_none()) {
             return Ok(None);
         }
+        // Without a limit of the loss, all may be lost.
+        let max_loss = Self::max_loss(params, weights).unwrap_or(1.0);
         let (max_loss, needs) = match first.map(|first| &first.floors) {
             Some(Floors::MaxLoss(max_loss)) => (*max_loss, None),
             Some(Floors::Needed(needs)) => (max_loss, needs.as_ref()),
             None => (max_loss, None),
         };
-        let start = greedy::select_after(problem, params, weights, first.map_or(&[], |first| &first.rows), ctx)?;
+        let overlap = Overlap::new(problem, &params.overlap);
+        let mut start = greedy::select_after(problem, params, weights, first.map_or(&[], |first| &first.rows), ctx)?;
         let places = TwinPlaces::new(problem.asked_area_mm2.len());
         let rows: Vec<Row> = parallel::map(&problem.rows, |row| places.with_twins(row));
         let own = |goal: &Goal<'_>| Goal { area_mm2: Cow::Owned(places.of_samples(&goal.area_mm2)), needed_mm2: goal.needed_mm2 };
@@ -81,7 +86,13 @@ impl GradeFloor {
             let twins_mm2 = area_mm2.iter().sum::<f64>();
             let of_greedy_mm2 = (greedy_mm2 - max_loss * twins_mm2).max(0.0);
             let needed_mm2 = needs.and_then(|needs| needs.on(floor, places.stride, twins_mm2)).unwrap_or(of_greedy_mm2);
-            goals.push(Goal { area_mm2: Cow::Owned(area_mm2), needed_mm2 });
+            let mut goal = Goal { area_mm2: Cow::Owned(area_mm2), needed_mm2 };
+            if let Some(share) = params.min_grade_a.filter(|_| FLOORS[floor] == Grade::A) {
+                let coverable_mm2 = coverable_mm2(&rows.iter().collect::<Vec<_>>(), &goal.area_mm2);
+                goal.needed_mm2 = needed_mm2.max((share * twins_mm2).min(coverable_mm2));
+                top_up(&mut start, (&rows, &goal), &overlap, params, ctx)?;
+            }
+            goals.push(goal);
         }
         Ok(Some(Self {
             rows,
@@ -93,11 +104,20 @@ impl GradeFloor {
         }))
     }
 
-    /// Share of the asked area by which views may give less of a grade or better than greedy's; `None` where no floor is asked for,
-    /// or quality does not count.
+    /// Share of the asked area by which views may give less of a grade or better than greedy's; `None` where no such floor is asked
+    /// for, or quality does not count.
     pub(in crate::planning) fn max_loss(params: &SelectionParams, weights: &ScoreParams) -> Option<f64> {
-        let counts = params.objective == Objective::Score && weights.b > 0.0 && !super::is_for_coverage(params);
-        params.max_grade_loss.filter(|_| counts && matches!(params.solver, Solver::Local | Solver::Certified))
+        params.max_grade_loss.filter(|_| Self::is_asked(params, weights))
+    }
+
+    /// Returns true if some floor is asked for, and quality counts.
+    fn is_asked(params: &SelectionParams, weights: &ScoreParams) -> bool {
+        params.keeps_grades(weights) && (params.max_grade_loss.is_some() || params.min_grade_a.is_some())
+    }
+
+    /// Place of the floor under grade A among the goals of the problem with twins.
+    pub(super) fn goal_of_grade_a(&self) -> usize {
+        self.goals.len() - FLOORS.len()
     }
 
     /// Area needed of each grade or better.
@@ -121,6 +141,37 @@ impl GradeFloor {
             travel_secs: problem.travel_secs,
         }
     }
+}
+
+/// Adds views, each the one that adds most to a goal of those that overlap the others as is asked for, until it is met or there may
+/// be no more; `rows` are those with twins.
+fn top_up(
+    start: &mut Cover,
+    (rows, goal): (&[Row], &Goal<'_>),
+    overlap: &Overlap<'_>,
+    params: &SelectionParams,
+    ctx: &Context<'_>,
+) -> Result<(), Cancelled> {
+    let mut chosen = start.rows();
+    let mut open = Uncovered::all(&goal.area_mm2, ctx.simd_level());
+    let mut open_mm2 = goal.needed_mm2 * (1.0 - greedy::SUM_SLACK);
+    for row in &chosen {
+        open_mm2 -= open.area_mm2(&rows[row.index()]);
+        open.close(&rows[row.index()]);
+    }
+    while open_mm2 > 0.0 && chosen.len() < max_views(params) {
+        ctx.check()?;
+        let gains = parallel::map(rows, |row| open.area_mm2(row));
+        let joined = RowIndex::number(gains).filter(|(row, gain_mm2)| *gain_mm2 > 0.0 && overlap.joins(*row, &chosen));
+        let best =
+            joined.fold(None, |best, next| if best.is_some_and(|(_, gain_mm2)| gain_mm2 >= next.1) { best } else { Some(next) });
+        let Some((row, gain_mm2)) = best else { break };
+        open_mm2 -= gain_mm2;
+        open.close(&rows[row.index()]);
+        chosen.push(row);
+        start.choices.push(Choice { row, gain_mm2: 0.0, score: 0.0 });
+    }
+    Ok(())
 }
 
 /// Borrows a goal without copying its areas.

@@ -39,13 +39,14 @@ const EXACT_ROWS: usize = 4;
 /// Stands for no view.
 const NONE: u16 = u16::MAX;
 
+/// Exchanges views for a higher score while the goals stay met; returns the best that are found.
 pub(super) fn run(
     scorer: &Scorer<'_>,
     exchange: &Exchange<'_>,
     rows: Vec<RowIndex>,
     budget: &mut Budget,
     ctx: &Context<'_>,
-) -> Result<Vec<RowIndex>, Cancelled> {
+) -> Result<ScoredRows, Cancelled> {
     let pairs_of = |row: &&Row| count_in(row.words(), row.words(), ctx.simd_level()) as u64;
     let table: u64 = scorer.problem.rows.par_iter().map(pairs_of).sum();
     let steps = (MAX_WORK / table.max(1)).clamp(1, MAX_STEPS);
@@ -60,8 +61,11 @@ pub(super) fn run(
         budget.spend(table + work);
         since_best = if risen { 0 } else { since_best + 1 };
     }
-    Ok(search.best.map_or(search.rows, |(_, rows)| rows))
+    Ok(search.best.unwrap_or((f64::NEG_INFINITY, search.rows)))
 }
+
+/// Views with their score, that of none that meet the goals −∞.
+pub(super) type ScoredRows = (f64, Vec<RowIndex>);
 
 /// Tabu search for the highest score; an exchange that leaves a goal unmet pays for what is missing.
 struct ScoreSearch<'a> {
@@ -71,7 +75,7 @@ struct ScoreSearch<'a> {
     /// First step at which each row may be exchanged again.
     tabu: Vec<u64>,
     /// The highest score of views that meet the goals, with them.
-    best: Option<(f64, Vec<RowIndex>)>,
+    best: Option<ScoredRows>,
     rows: Vec<RowIndex>,
 }
 

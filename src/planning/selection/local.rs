@@ -11,6 +11,7 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::blocks::{BLOCK, BlockSegment, change_sums, masked_sum, segment_sums};
+use super::grade_floor::GradeFloor;
 use super::greedy::{self, BatchQueue};
 use super::improve_score;
 use super::overlap::Overlap;
@@ -35,6 +36,12 @@ const MAX_STEPS: u64 = 100;
 const STEPS_A_ROW: u64 = 8;
 /// Pairs of sample and row that a segment of a row counts for: most rows measure nothing of it, others all of its 64.
 const PAIRS_A_SEGMENT: u64 = 8;
+/// Share of the asked area by which views with more at grade A are looked for: half of it after each attempt that finds none with a higher
+/// score. Attempts at most, and those of them that may find none. On 14 public parts three failures gave 1.6 points more of grade A than
+/// one, for 5 % more time.
+const RAISE: f64 = 0.03;
+const MAX_RAISES: u64 = 8;
+const MAX_FAILURES: u32 = 3;
 /// Blocks whose segments a thread finds at once.
 const BLOCKS_A_TASK: usize = 64;
 /// Numbers of [`KeptUnits`] at most, 32 MB; of larger tables with many views or regions every step computes them anew.
@@ -53,16 +60,51 @@ pub(super) struct LocalOptimum {
 pub(super) fn search(
     scorer: &Scorer<'_>,
     params: &SelectionParams,
-    start: Option<&Cover>,
+    floor: Option<&GradeFloor>,
     ctx: &Context<'_>,
 ) -> Result<LocalOptimum, Cancelled> {
     let problem = scorer.problem;
     let mut budget = Budget::of(params);
-    let (found, goals) = fewest(scorer, params, start, &mut budget, ctx)?;
+    let (found, goals) = fewest(scorer, params, floor.map(|floor| &floor.start), &mut budget, ctx)?;
     let overlap = Overlap::new(problem, &params.overlap);
     let exchange = Exchange { problem, goals: &goals, overlap: &overlap };
-    let rows = improve_score::run(scorer, &exchange, found.rows, &mut budget, ctx)?;
+    let rows = best_scored(scorer, &exchange, (found.rows, floor), &mut budget, ctx)?;
     Ok(LocalOptimum { rows, ..found })
+}
+
+/// As many views of the highest score that exchanges find. These come from the views at hand; then from others, as many, with more
+/// area at grade A than the best have: mostly better covers that single exchanges do not lead to.
+pub(super) fn best_scored(
+    scorer: &Scorer<'_>,
+    exchange: &Exchange<'_>,
+    (rows, floor): (Vec<RowIndex>, Option<&GradeFloor>),
+    budget: &mut Budget,
+    ctx: &Context<'_>,
+) -> Result<Vec<RowIndex>, Cancelled> {
+    let (mut score, mut best) = improve_score::run(scorer, exchange, rows, budget, ctx)?;
+    let Some(grade_a) = floor.map(GradeFloor::goal_of_grade_a) else { return Ok(best) };
+    let (mut raise, mut failures) = (RAISE, 0);
+    for attempt in 0..MAX_RAISES {
+        let mut goals = exchange.goals.to_vec();
+        let goal = &mut goals[grade_a];
+        goal.needed = goal.covered_by(&exchange.problem.measured(&best)).saturating_add((raise * goal.total as f64) as i64);
+        if goal.needed > goal.measured || budget.left == 0 {
+            break;
+        }
+        let raised = Exchange { goals: &goals, ..*exchange };
+        let found = raised.run(best.clone(), attempt, budget, ctx)?;
+        let is_met = raised.deficit(&found) == 0 && raised.overlap.connects(&found);
+        let found = is_met.then(|| improve_score::run(scorer, &raised, found, budget, ctx)).transpose()?;
+        if let Some((higher, found)) = found.filter(|(found, _)| *found > score) {
+            (score, best) = (higher, found);
+            continue;
+        }
+        (raise, failures) = (raise / 2.0, failures + 1);
+        if failures == MAX_FAILURES {
+            break;
+        }
+    }
+    Ok(best)
 }
 
 /// The fewest views that exchanges find, whatever their score, and the goals that they meet.

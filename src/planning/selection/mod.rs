@@ -192,12 +192,12 @@ fn fewest(
 ) -> Result<OpenSelection, Cancelled> {
     let floor = GradeFloor::of(problem, params, score, first, ctx)?;
     let with_floor = floor.as_ref().map(|floor| floor.problem(problem));
-    let (problem, start) = (with_floor.as_ref().unwrap_or(problem), floor.as_ref().map(|floor| &floor.start));
+    let (problem, floor) = (with_floor.as_ref().unwrap_or(problem), floor.as_ref());
     if params.solver == Solver::Certified {
-        return certified::select(problem, params, score, start, ctx);
+        return certified::select(problem, params, score, floor, ctx);
     }
     let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
-    let found = local::search(&scorer, params, start, ctx)?;
+    let found = local::search(&scorer, params, floor, ctx)?;
     let bound = Arc::new(OpenBound::of(problem, params, &problem.measured(&found.rows), problem.rows_without_quality()));
     Ok(OpenSelection { choices: greedy::order(&scorer, &found.rows, ctx)?, stopped_because: found.stopped_because, bound })
 }

@@ -92,6 +92,46 @@ fn a_target_is_not_met_by_fewer_views_than_may_be_chosen_that_measure_as_little(
     assert!(matches!(selection.stopped_because, StopReason::MaxViews | StopReason::NoGain), "{:?}", selection.stopped_because);
 }
 
+/// Ten samples: two views measure all of them obliquely, four more a part each at grade A.
+#[test]
+fn more_of_grade_a_is_bought_with_views_as_far_as_candidates_give_it() {
+    let [oblique, good] = [-0.4, 0.9];
+    let rows = [
+        row(&[0, 1, 2, 3, 4], oblique),
+        row(&[5, 6, 7, 8, 9], oblique),
+        row(&[0, 1, 2], good),
+        row(&[2, 3], good),
+        row(&[5, 6], good),
+        row(&[6], good),
+    ];
+    let at_grade_a = |selection: &Selection| {
+        let best = rows_of(selection).into_iter().flat_map(|view| rows[view].graded()).filter(|(_, quality)| *quality > 0.5);
+        best.map(|(sample, _)| sample).collect::<std::collections::BTreeSet<_>>().len()
+    };
+    for solver in [Solver::Local, Solver::Certified] {
+        // 0.95 asks for more than there is.
+        for (asked, views, reached) in [(None, 2, 0), (Some(0.3), 3, 3), (Some(0.4), 4, 4), (Some(0.5), 4, 5), (Some(0.95), 5, 6)]
+        {
+            let params = SelectionParams {
+                solver,
+                min_grade_a: asked,
+                max_grade_loss: None,
+                objective: Objective::Score,
+                target: 1.0,
+                ..SelectionParams::default()
+            };
+            let selection = chosen(&rows, &params, &ScoreParams { a: 1.0, b: 0.1, ..ScoreParams::default() });
+            assert_eq!(selection.choices.len(), views, "{solver:?}, {asked:?}: {selection:?}");
+            assert!(at_grade_a(&selection) >= reached, "{solver:?}, {asked:?}: {selection:?}");
+            assert_eq!(selection.stopped_because, StopReason::Target, "{solver:?}, {asked:?}");
+        }
+        // A limit of views holds.
+        let params =
+            SelectionParams { solver, min_grade_a: Some(0.5), max_views: Some(3), target: 1.0, ..SelectionParams::default() };
+        assert!(chosen(&rows, &params, &ScoreParams::default()).choices.len() <= 3, "{solver:?}");
+    }
+}
+
 #[test]
 fn each_denominator_gives_its_own_target() {
     let rows = [row(&[0, 1, 2, 3], 0.0), row(&[4, 5], 0.0)];

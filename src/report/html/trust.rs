@@ -74,7 +74,7 @@ fn bounds(input: &ReportInput<'_>) -> String {
 /// Says that a bound is one of choices that hold the grades too; empty where the plan does not have to.
 fn grades_held(params: &PlanParams) -> &'static str {
     if holds_grades(params) {
-        " The bound also keeps the area at each grade (selection.max_grade_loss): fewer views may reach the target with worse grades."
+        " The bound also keeps the area at each grade (selection.max_grade_loss, selection.min_grade_a): fewer views may reach the target with worse grades."
     } else {
         ""
     }

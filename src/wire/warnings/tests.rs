@@ -4,7 +4,7 @@ use super::*;
 use crate::cell::{Body, CellDistances, HousingFace, PoseSpec, Presets, Shape, SpecKind, SpecLibrary};
 use crate::geometry::{Mesh, Poll, stable_poses};
 use crate::planning::params::{FeatureParams, InterestParams, PoseErrorParams, Region};
-use crate::planning::plan::{Cause, IndependentRegion, RegionCoverage, RegionKind, StopReason};
+use crate::planning::plan::{Cause, Coverage, IndependentRegion, RegionCoverage, RegionKind, StopReason};
 use crate::wire::plan::{DrawnDocument, MisplacedDocument};
 use crate::wire::words::shortfall;
 
@@ -248,6 +248,29 @@ fn a_plan_that_loses_more_than_a_point_is_fragile_and_says_which_knob_helps() {
 }
 
 #[test]
+fn a_plan_with_less_at_grade_a_than_asked_for_says_so_and_what_to_change() {
+    let mut coverage = CoverageDocument::from(&Coverage::default());
+    coverage.grades.a = 0.6194;
+    let asked = |share| {
+        let mut params = PlanParams::default();
+        params.selection.min_grade_a = share;
+        params
+    };
+    let told = |coverage: &CoverageDocument, share, stopped| of_grade_a(&asked(share), coverage, stopped, "/params");
+    let found = told(&coverage, Some(0.7), StopReason::Target).expect("less than asked for");
+    assert_eq!((found.code, found.pointer.as_str()), (WarningCode::GradeAUnmet, "/params/selection/min_grade_a"));
+    assert_eq!(found.detail, "is 0.7; the views measure 61.94 % of the asked area at grade A");
+    assert!(found.remedy.contains("candidates.even_directions"), "{}", found.remedy);
+    let found = told(&coverage, Some(0.7), StopReason::MaxViews).expect("less than asked for");
+    assert!(found.remedy.starts_with("raise selection.max_views"), "{}", found.remedy);
+    assert_eq!(told(&coverage, Some(0.6194), StopReason::Target), None);
+    assert_eq!(told(&coverage, None, StopReason::Target), None);
+    // Further views are chosen by what they are expected to add.
+    coverage.of_open = true;
+    assert_eq!(told(&coverage, Some(0.7), StopReason::Target), None);
+}
+
+#[test]
 fn a_plan_that_loses_less_is_not_warned_of() {
     let params = PlanParams::default();
     assert_eq!(of_robust(&params, &losing([0.009, 0.008, 0.0]), (false, StopReason::Target), ""), None);
@@ -474,6 +497,7 @@ fn warnings_of_a_plan_are_those_that_no_job_has_before() {
         [
             "region_unmet",
             "region_unconfirmed",
+            "grade_a_unmet",
             "fragile_under_pose_error",
             "part_unstable",
             "home_blocked",

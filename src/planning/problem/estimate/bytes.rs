@@ -67,7 +67,9 @@ pub(super) fn held(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams, 
         Solver::Greedy | Solver::Lazy | Solver::Local => 0.0,
     };
     // Twins, where fewer views must not give worse grades (`selection/grade_floor.rs`).
-    let floor = keeps_quality(params) && exchanges(params) && params.selection.max_grade_loss.is_some();
+    let selection = &params.selection;
+    let is_floor_asked = selection.max_grade_loss.is_some() || selection.min_grade_a.is_some();
+    let floor = keeps_quality(params) && exchanges(params) && is_floor_asked;
     let twins = if floor { row + 0.25 * chosen_on + 4.0 * chosen_on.min(TWINNED) * measured } else { 0.0 };
     let of_floor = if floor { SAMPLE_OF_FLOOR } else { 0.0 };
     let exchange = if exchanges(params) { EXCHANGE * candidates } else { 0.0 };
