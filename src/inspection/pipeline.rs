@@ -443,7 +443,7 @@ mod tests {
     use super::*;
     use crate::geometry::demo_parts::base;
     use crate::inspection::ingest::{FrameAttempt, Removed, ScanFrame, TakenScan};
-    use crate::inspection::rehearsal::in_context;
+    use crate::inspection::rehearsal::{in_context, inspect_alone};
     use crate::inspection::shots::Shots;
     use crate::planning::params::{FeatureParams, Region};
     use crate::testing::{box_mesh, nominal_scanner};
@@ -500,10 +500,6 @@ mod tests {
         let (shots, mut plan_params) = (Shots::of(&scanned, 16), PlanParams::default());
         plan_params.part.samples_per_mm2 = Some(0.2);
         let poses = shots.poses(3);
-        let views: Vec<InspectedView> = (1..)
-            .zip(&poses)
-            .map(|(viewpoint, pose)| InspectedView { viewpoint, setup: 0, part_from_scanner: *pose, table_rad: None })
-            .collect();
         let (unit, frame) = (crate::geometry::LengthUnit::Millimetre, ScanFrame::Scanner);
         let taken = |scan: ViewScan| TakenScan {
             file: format!("view_{}.ply", scan.viewpoint),
@@ -516,21 +512,8 @@ mod tests {
             is_approximate: false,
         };
         let scans = shots.scans(&poses, 0.0, |_| nalgebra::Isometry3::identity()).into_iter().map(taken).collect();
-        let (taken, nearest) = (Ingested { scans, ..Ingested::default() }, NearestFace::new(&mesh));
-        let input = InspectionInput {
-            part: &mesh,
-            fixture: None,
-            scanner: &shots.scanner,
-            cell: None,
-            plan_params: &plan_params,
-            setups: &[Pose::identity()],
-            views: &views,
-            coverable_mm2: None,
-            taken: &taken,
-            nearest: &nearest,
-            params: &InspectionParams::default(),
-        };
-        let found = in_context(|ctx| inspect(&input, &|_| {}, ctx)).expect("an inspection");
+        let views: Vec<_> = (1..).zip(poses).collect();
+        let found = inspect_alone(&mesh, &shots.scanner, &plan_params, &views, scans);
         assert!(!found.registration.fits(), "{:?}", found.registration.found);
         assert_eq!((found.figures.whole, found.deviations().compared_points), (None, 0));
         assert!(found.learned.is_none() && found.offer == Offer::default(), "{:?}", found.offer);

@@ -8,13 +8,13 @@ use nalgebra::Matrix6;
 use super::coverage::{
     self, CompareParams, ComparedViews, IdentifiedLimits, MeasuredCoverage, NominalModel, PlannedRow, Returns, ScannedView,
 };
-use super::ingest::Removed;
+use super::ingest::{Ingested, Removed, TakenScan};
 use super::losses::{Light, LossCause, LossInput, Losses, attribute};
 use super::simulated_scanner::{CellFate, ScannedScene, SimulatedScanner, SimulatedView, SimulationParams};
-use super::{RegisteredView, ViewScan};
+use super::{InspectedView, Inspection, InspectionInput, InspectionParams, RegisteredView, ViewScan, inspect};
 use crate::cell::Scanner;
 use crate::geometry::mesh_io::{Limits, read};
-use crate::geometry::{LengthUnit, Mesh, Part, Pose, ScannerFrame, Table};
+use crate::geometry::{LengthUnit, Mesh, NearestFace, Part, Pose, ScannerFrame, Table};
 use crate::planning::certificate::recheck::{TakenView, recheck};
 use crate::planning::context::{Context, Silent};
 use crate::planning::ids::SampleId;
@@ -29,6 +29,38 @@ const SAMPLES: f64 = 20_000.0;
 /// Runs `work` in a context that nobody cancels.
 pub(super) fn in_context<T>(work: impl FnOnce(&Context<'_>) -> T) -> T {
     work(&Context::new(&AtomicBool::new(false), &Silent))
+}
+
+/// Inspects scans of a part without a cell or fixture, in one setup, with the default knobs.
+pub(super) fn inspect_alone(
+    part: &Mesh,
+    scanner: &Scanner,
+    plan_params: &PlanParams,
+    views: &[(u32, Pose<Part, ScannerFrame>)],
+    scans: Vec<TakenScan>,
+) -> Inspection {
+    let view = |(viewpoint, pose): &(u32, Pose<Part, ScannerFrame>)| InspectedView {
+        viewpoint: *viewpoint,
+        setup: 0,
+        part_from_scanner: *pose,
+        table_rad: None,
+    };
+    let views: Vec<InspectedView> = views.iter().map(view).collect();
+    let (taken, nearest) = (Ingested { scans, ..Ingested::default() }, NearestFace::new(part));
+    let input = InspectionInput {
+        part,
+        fixture: None,
+        scanner,
+        cell: None,
+        plan_params,
+        setups: &[Pose::identity()],
+        views: &views,
+        coverable_mm2: None,
+        taken: &taken,
+        nearest: &nearest,
+        params: &InspectionParams::default(),
+    };
+    in_context(|ctx| inspect(&input, &|_| (), ctx)).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// A planned part.

@@ -5,12 +5,12 @@ use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
 use super::*;
 use crate::cell::Scanner;
-use crate::geometry::{LengthUnit, Mesh, NearestFace, Part, PointCloud, Pose, ScannerFrame};
-use crate::inspection::ingest::{FrameAttempt, Ingested, PlateZone, Removed, ScanFrame, TakenScan};
-use crate::inspection::rehearsal::in_context;
+use crate::geometry::{LengthUnit, Mesh, Part, PointCloud, Pose, ScannerFrame};
+use crate::inspection::ingest::{FrameAttempt, PlateZone, Removed, ScanFrame, TakenScan};
+use crate::inspection::rehearsal::{in_context, inspect_alone};
 use crate::inspection::shots::Shots;
 use crate::inspection::simulated_scanner::{ScannedScene, SimulatedScanner, SimulationParams};
-use crate::inspection::{InspectedView, Inspection, InspectionInput, InspectionParams, ViewScan, inspect};
+use crate::inspection::{Inspection, ViewScan};
 use crate::planning::params::PlanParams;
 use crate::testing::{box_mesh, cylinder_mesh, nominal_scanner};
 
@@ -58,28 +58,7 @@ impl Column {
     }
 
     fn inspected(&self, scans: Vec<TakenScan>) -> Inspection {
-        let view = |(viewpoint, pose): &(u32, Pose<Part, ScannerFrame>)| InspectedView {
-            viewpoint: *viewpoint,
-            setup: 0,
-            part_from_scanner: *pose,
-            table_rad: None,
-        };
-        let views: Vec<InspectedView> = self.views.iter().map(view).collect();
-        let (taken, nearest) = (Ingested { scans, ..Ingested::default() }, NearestFace::new(&self.mesh));
-        let input = InspectionInput {
-            part: &self.mesh,
-            fixture: None,
-            scanner: &self.scanner,
-            cell: None,
-            plan_params: &self.params,
-            setups: &[Pose::identity()],
-            views: &views,
-            coverable_mm2: None,
-            taken: &taken,
-            nearest: &nearest,
-            params: &InspectionParams::default(),
-        };
-        in_context(|ctx| inspect(&input, &|_| (), ctx)).unwrap_or_else(|error| panic!("{error}"))
+        inspect_alone(&self.mesh, &self.scanner, &self.params, &self.views, scans)
     }
 }
 

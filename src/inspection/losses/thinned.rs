@@ -8,10 +8,9 @@ use crate::geometry::cloud_io::StoredCloud;
 use crate::geometry::demo_parts::base;
 use crate::geometry::{LengthUnit, Mesh, NearestFace, Part, PointCloud, Pose, ScannerFrame};
 use crate::inspection::coverage::MeasuredCoverage;
-use crate::inspection::ingest::{IngestOptions, IngestWorld, Ingested, PlannedCapture, ScanFile, ScanFrame, TakenScan, ingest};
-use crate::inspection::rehearsal::in_context;
+use crate::inspection::ingest::{IngestOptions, IngestWorld, PlannedCapture, ScanFile, ScanFrame, TakenScan, ingest};
+use crate::inspection::rehearsal::{in_context, inspect_alone};
 use crate::inspection::shots::{Shots, unit};
-use crate::inspection::{InspectedView, InspectionInput, InspectionParams, inspect};
 use crate::planning::params::PlanParams;
 use crate::testing::nominal_scanner;
 
@@ -60,31 +59,10 @@ impl Scanned {
     }
 
     fn losses(&self, scans: Vec<TakenScan>) -> (Losses, MeasuredCoverage) {
-        let (scanner, nearest) = (nominal_scanner(), NearestFace::new(&self.mesh));
         let mut plan_params = PlanParams::default();
         plan_params.part.samples_per_mm2 = Some(0.4);
-        let view = |(viewpoint, pose): (u32, &Pose<Part, ScannerFrame>)| InspectedView {
-            viewpoint,
-            setup: 0,
-            part_from_scanner: *pose,
-            table_rad: None,
-        };
-        let views: Vec<InspectedView> = (1..).zip(&self.poses).map(view).collect();
-        let taken = Ingested { scans, ..Ingested::default() };
-        let input = InspectionInput {
-            part: &self.mesh,
-            fixture: None,
-            scanner: &scanner,
-            cell: None,
-            plan_params: &plan_params,
-            setups: &[Pose::identity()],
-            views: &views,
-            coverable_mm2: None,
-            taken: &taken,
-            nearest: &nearest,
-            params: &InspectionParams::default(),
-        };
-        let found = in_context(|ctx| inspect(&input, &|_| (), ctx)).unwrap_or_else(|error| panic!("{error}"));
+        let views: Vec<_> = (1..).zip(self.poses.iter().copied()).collect();
+        let found = inspect_alone(&self.mesh, &nominal_scanner(), &plan_params, &views, scans);
         (found.losses, found.coverage)
     }
 }
