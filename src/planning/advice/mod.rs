@@ -252,7 +252,7 @@ fn choose(rows: &[&Row], wanted: &Wanted<'_>, score: &ScoreParams, ctx: &Context
 fn starting_params(params: &SelectionParams, score: &ScoreParams) -> SelectionParams {
     let mut params = params.clone();
     let exchanges = matches!(params.solver, Solver::Local | Solver::Certified);
-    if exchanges && GradeFloor::max_loss(&params, score).is_none() {
+    if exchanges && !GradeFloor::is_asked(&params, score) {
         (params.objective, params.view_cost_mm2_per_s) = (Objective::Coverage, 0.0);
     }
     params

@@ -111,7 +111,7 @@ impl GradeFloor {
     }
 
     /// Returns true if some floor is asked for, and quality counts.
-    fn is_asked(params: &SelectionParams, weights: &ScoreParams) -> bool {
+    pub(in crate::planning) fn is_asked(params: &SelectionParams, weights: &ScoreParams) -> bool {
         params.keeps_grades(weights) && (params.max_grade_loss.is_some() || params.min_grade_a.is_some())
     }
 
