@@ -387,8 +387,8 @@ impl<'a> Stages<'a> {
         Ok(without)
     }
 
-    /// Selects views, joins and slides them, and selects anew while their goals are met on the samples that they are chosen on and not on
-    /// every sample.
+    /// Selects views, joins and slides them; takes those that the selection falls back on, and then selects anew, while their goals are met
+    /// on the samples that they are chosen on and not on every sample.
     fn settle(
         &self,
         problem: &mut ViewPlanningProblem<'a>,
@@ -401,10 +401,13 @@ impl<'a> Stages<'a> {
             FloorSource::FirstChoice(first) => (Some(first), false),
             FloorSource::Slid => (None, true),
         };
-        let mut every = None;
+        let (mut every, mut known, mut views) = (None, problem.known(), Vec::new());
         loop {
-            let known = problem.known();
-            let mut chosen = problem.select(excluded, first.as_ref(), ctx)?;
+            if views.is_empty() {
+                known = problem.known();
+                views = problem.select(excluded, first.as_ref(), ctx)?;
+            }
+            let Some(mut chosen) = views.pop() else { continue };
             if chosen.candidates.is_empty() {
                 return Ok(Settled { chosen, every });
             }
@@ -413,6 +416,7 @@ impl<'a> Stages<'a> {
             if slides_greedy && first.is_none() {
                 first = adjust::better_graded_choice(problem, setups, &chosen.candidates, excluded, ctx)?;
                 if first.is_some() {
+                    views.clear();
                     continue;
                 }
             }
@@ -423,6 +427,10 @@ impl<'a> Stages<'a> {
             let of_chosen = every.insert(of_chosen);
             if of_chosen.meets_goals(&chosen.candidates, excluded) {
                 return Ok(Settled { chosen, every });
+            }
+            if !views.is_empty() {
+                problem.forget_from(known);
+                continue;
             }
             let goes_on = problem.chosen_on.refinements < MAX_REFINEMENTS;
             if !goes_on || !problem.refine(of_chosen, setups, &chosen, ctx)? {

@@ -79,7 +79,9 @@ impl<'a> Slide<'a> {
             (surface_mm, _) => {
                 let from_surface = surface_mm.and_then(|forward_mm| self.best(&start, samples, forward_mm));
                 let of_block = from_surface.or_else(|| self.best(&start, samples, 0.0));
-                of_block.or_else(|| self.best(&start, &self.part, surface_mm?)).or(surface_mm)
+                let measures_some = |forward_mm: &f64| self.score_at(&start, &self.part, *forward_mm) > 0.0;
+                let of_part = || surface_mm.filter(measures_some).or_else(|| self.best(&start, &self.part, surface_mm?));
+                of_block.or_else(of_part).or(surface_mm)
             }
         };
         position_mm + orientation * Vector3::z() * forward_mm.unwrap_or(0.0)
@@ -109,7 +111,7 @@ impl<'a> Slide<'a> {
         let begin = score(from_mm);
         let best = (0..STEPS).map(|i| score(low_mm + step_mm * (i as f64 + 0.5))).fold(begin, better);
         let (_, end_mm) = refined(best, step_mm, HALVINGS, score);
-        let end = (self.score(start, &self.seen(start, samples, end_mm), end_mm), end_mm);
+        let end = (self.score_at(start, samples, end_mm), end_mm);
         let (score, forward_mm) = better(begin, end);
         (score > 0.0).then_some(forward_mm)
     }
@@ -118,6 +120,11 @@ impl<'a> Slide<'a> {
     fn seen<'s>(&self, start: &Pose<Part, ScannerFrame>, samples: &'s [SlideSample], forward_mm: f64) -> Vec<&'s SlideSample> {
         let probe = Probe::new(self.scope.optics, &moved(start, forward_mm), self.scope.occluders.rays());
         samples.iter().filter(|sample| probe.has_clear_lines(&sample.point_mm, &sample.normal)).collect()
+    }
+
+    /// Score of the samples that are seen from a viewpoint that is moved forward.
+    fn score_at(&self, start: &Pose<Part, ScannerFrame>, samples: &[SlideSample], forward_mm: f64) -> f64 {
+        self.score(start, &self.seen(start, samples, forward_mm), forward_mm)
     }
 
     /// Score of `seen` from a viewpoint that is moved forward.

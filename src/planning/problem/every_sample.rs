@@ -414,7 +414,7 @@ mod tests {
         };
         let choices = vec![Choice { row: RowIndex(0), gain_mm2: 0.0, score: 0.0 }];
         let bound = Arc::new(OpenBound::Known(Bound::default()));
-        let selection = OpenSelection { choices, stopped_because: StopReason::Target, bound };
+        let selection = OpenSelection { choices, stopped_because: StopReason::Target, bound, before_raise: None };
         let chosen = ChosenViews { candidates: vec![CandidateIndex(0)], selection };
         let (cancel, nothing) = (AtomicBool::new(false), BTreeSet::new());
         let topped_up = problem.topped_up(&problem, chosen, &nothing, &Context::new(&cancel, &Silent));

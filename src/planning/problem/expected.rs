@@ -179,7 +179,8 @@ impl ViewPlanningProblem<'_> {
             DemandStop::MinGain => StopReason::Growth,
             DemandStop::LittleLeft => StopReason::NoGain,
         };
-        let selection = OpenSelection { choices, stopped_because, bound: Arc::new(OpenBound::Known(Bound::default())) };
+        let bound = Arc::new(OpenBound::Known(Bound::default()));
+        let selection = OpenSelection { choices, stopped_because, bound, before_raise: None };
         ExpectedViews { chosen: ChosenViews { candidates: views, selection }, expected_mm2, left_mm2, stopped_because: stop }
     }
 }

@@ -284,19 +284,21 @@ impl ViewPlanningProblem<'_> {
     }
 
     /// Chooses among the usable candidates that are not `excluded`. A target of the coverable area is here a share of what
-    /// those measure; the outcome says then whether it was met. After a first choice, grades keep the floors of that.
+    /// those measure; the outcome says then whether it was met. After a first choice, grades keep the floors of that. The last views
+    /// are the best, and those before them are to fall back on.
     pub(in crate::planning) fn select(
         &self,
         excluded: &BTreeSet<CandidateIndex>,
         first: Option<&FirstChoice>,
         ctx: &Context<'_>,
-    ) -> Result<ChosenViews, PlanError> {
+    ) -> Result<Vec<ChosenViews>, PlanError> {
         let choosable = self.choosable(excluded);
         let travel_secs = |from: RowIndex, to: RowIndex| self.travel_secs(choosable[from.index()], choosable[to.index()]);
         let mut cover = self.cover_problem(&choosable);
         cover.travel_secs = self.reach.is_some().then_some(&travel_secs);
-        let selection = selection::choose(&cover, &self.params.selection, &self.params.score, first, ctx)?;
-        Ok(ChosenViews::of(selection, &choosable))
+        let mut selection = selection::choose(&cover, &self.params.selection, &self.params.score, first, ctx)?;
+        let before_raise = selection.before_raise.take().map(|choices| selection.with_choices(choices));
+        Ok(before_raise.into_iter().chain([selection]).map(|selection| ChosenViews::of(selection, &choosable)).collect())
     }
 
     /// Time of the quickest straight move between stations of two candidates: what travel costs at least.

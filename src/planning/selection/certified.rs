@@ -12,7 +12,7 @@ use super::bound::{self, Bound, OpenBound, goals_of};
 use super::branch::{CoverResult, SearchNode, search};
 use super::classes::Classes;
 use super::grade_floor::GradeFloor;
-use super::local::{Budget, Exchange};
+use super::local::{Budget, Exchange, ScoredViews};
 use super::multipliers::{BoundTarget, Multipliers, RelaxationSize};
 use super::overlap::Overlap;
 use super::score::Scorer;
@@ -39,24 +39,24 @@ pub(super) fn select(
     let overlap = Overlap::new(problem, &params.overlap);
     let mut proof = Proof { problem, overlap: &overlap, left: u64::from(params.work_limit) * 1_000_000, ctx };
     let bound = if is_for_coverage(params) {
-        proof.max_area(&mut found.rows, max_views(params))?
+        proof.max_area(&mut found.rows.best, max_views(params))?
     } else {
-        proof.fewest_views(&mut found.rows)?
+        proof.fewest_views(&mut found.rows.best)?
     };
-    let rows = problem.measured(&found.rows);
+    let rows = problem.measured(&found.rows.best);
     let goals = goals_of(problem, &rows, is_for_coverage(params));
     let exchange = Exchange { problem, goals: &goals, overlap: &overlap };
-    let rows = local::best_scored(&scorer, &exchange, (found.rows, floor), &mut Budget { left: u64::MAX }, ctx)?;
+    let views = local::best_scored(&scorer, &exchange, (found.rows.best, floor), &mut Budget { left: u64::MAX }, ctx)?;
     // Fewer views that measure what all that may be chosen did: those that they save are there for more of the goals.
-    let saves_some = found.stopped_because == StopReason::MaxViews && rows.len() < max_views(params) && !is_for_coverage(params);
-    let (rows, stopped_because) = if saves_some {
-        let more = greedy::select_after(problem, params, weights, &rows, ctx)?;
-        (more.rows(), more.stopped_because)
+    let is_limited = found.stopped_because == StopReason::MaxViews && !is_for_coverage(params);
+    let (views, stopped_because) = if is_limited && views.best.len() < max_views(params) {
+        let more = greedy::select_after(problem, params, weights, &views.best, ctx)?;
+        (ScoredViews::only(more.rows()), more.stopped_because)
     } else {
-        (rows, found.stopped_because)
+        (views, found.stopped_because)
     };
-    let bound = Arc::new(OpenBound::Known(bound.beside(rows.len())));
-    Ok(OpenSelection { choices: greedy::order(&scorer, &rows, ctx)?, stopped_because, bound })
+    let bound = Arc::new(OpenBound::Known(bound.beside(views.best.len())));
+    OpenSelection::of(&scorer, &views, (stopped_because, bound), ctx)
 }
 
 struct Proof<'a> {

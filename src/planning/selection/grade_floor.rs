@@ -24,6 +24,10 @@ const FLOORS: [Grade; 2] = [Grade::A, Grade::B];
 /// Samples that have twins at most: their area is that of all to a tenth of a percent.
 const MAX_TWINNED: usize = 50_000;
 
+/// Share of the asked area that a view must add at grade A which is taken for that alone: our choice. For slivers of a demo part 76 views
+/// would be taken in place of 14 to have 89 % of grade A in place of 76 %.
+const MIN_ADDED: f64 = 0.005;
+
 /// A problem with twins, and the views that greedy takes.
 pub(in crate::planning) struct GradeFloor {
     rows: Vec<Row>,
@@ -143,8 +147,8 @@ impl GradeFloor {
     }
 }
 
-/// Adds views, each the one that adds most to a goal of those that overlap the others as is asked for, until it is met or there may
-/// be no more; `rows` are those with twins.
+/// Adds views, each the one that adds most to a goal of those that overlap the others as is asked for, until it is met, none adds
+/// [`MIN_ADDED`] of its area, or there may be no more; `rows` are those with twins.
 fn top_up(
     start: &mut Cover,
     (rows, goal): (&[Row], &Goal<'_>),
@@ -154,6 +158,7 @@ fn top_up(
 ) -> Result<(), Cancelled> {
     let mut chosen = start.rows();
     let mut open = Uncovered::all(&goal.area_mm2, ctx.simd_level());
+    let min_added_mm2 = MIN_ADDED * goal.area_mm2.iter().sum::<f64>();
     let mut open_mm2 = goal.needed_mm2 * (1.0 - greedy::SUM_SLACK);
     for row in &chosen {
         open_mm2 -= open.area_mm2(&rows[row.index()]);
@@ -162,7 +167,7 @@ fn top_up(
     while open_mm2 > 0.0 && chosen.len() < max_views(params) {
         ctx.check()?;
         let gains = parallel::map(rows, |row| open.area_mm2(row));
-        let joined = RowIndex::number(gains).filter(|(row, gain_mm2)| *gain_mm2 > 0.0 && overlap.joins(*row, &chosen));
+        let joined = RowIndex::number(gains).filter(|(row, gain_mm2)| *gain_mm2 >= min_added_mm2 && overlap.joins(*row, &chosen));
         let best =
             joined.fold(None, |best, next| if best.is_some_and(|(_, gain_mm2)| gain_mm2 >= next.1) { best } else { Some(next) });
         let Some((row, gain_mm2)) = best else { break };

@@ -34,6 +34,7 @@ use super::ids::{RowIndex, ViewId};
 use super::params::{ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
 use super::visibility::{Row, SampleSet};
 use grade_floor::FloorNeeds;
+use local::ScoredViews;
 
 pub use bound::Bound;
 pub(in crate::planning) use bound::OpenBound;
@@ -116,6 +117,8 @@ pub(in crate::planning) struct OpenSelection {
     pub(in crate::planning) choices: Vec<Choice>,
     pub(in crate::planning) stopped_because: StopReason,
     pub(in crate::planning) bound: Arc<OpenBound>,
+    /// Choices of a lower score, as many, to fall back on: before views with more area at grade A were looked for.
+    pub(in crate::planning) before_raise: Option<Vec<Choice>>,
 }
 
 /// A first choice, in place of which or beside which other views are looked for.
@@ -156,7 +159,7 @@ pub fn select(
     score: &ScoreParams,
     ctx: &Context<'_>,
 ) -> Result<Selection, Cancelled> {
-    let OpenSelection { choices, stopped_because, bound } = choose(problem, params, score, None, ctx)?;
+    let OpenSelection { choices, stopped_because, bound, .. } = choose(problem, params, score, None, ctx)?;
     Ok(Selection { choices, stopped_because, bound: bound.compute(ctx)? })
 }
 
@@ -179,7 +182,7 @@ pub(in crate::planning) fn choose(
     };
     let chosen: Vec<&Row> = choices.iter().map(|choice| problem.row(choice.row)).collect();
     let bound = Arc::new(OpenBound::of(problem, params, &chosen, problem.rows_without_quality()));
-    Ok(OpenSelection { choices, stopped_because, bound })
+    Ok(OpenSelection { choices, stopped_because, bound, before_raise: None })
 }
 
 /// Chooses the fewest views that meet the goals, the floors under grades among them, with the best score of that many.
@@ -198,8 +201,8 @@ fn fewest(
     }
     let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
     let found = local::search(&scorer, params, floor, ctx)?;
-    let bound = Arc::new(OpenBound::of(problem, params, &problem.measured(&found.rows), problem.rows_without_quality()));
-    Ok(OpenSelection { choices: greedy::order(&scorer, &found.rows, ctx)?, stopped_because: found.stopped_because, bound })
+    let bound = Arc::new(OpenBound::of(problem, params, &problem.measured(&found.rows.best), problem.rows_without_quality()));
+    OpenSelection::of(&scorer, &found.rows, (found.stopped_because, bound), ctx)
 }
 
 /// The fewest views that exchanges find for the goals, the floors under grades among them, whatever their score.
@@ -218,7 +221,7 @@ pub(in crate::planning) fn first_choice(
     let (problem, start) = (with_floor.as_ref().unwrap_or(problem), floor.as_ref().map(|floor| &floor.start));
     let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
     let (found, _) = local::fewest(&scorer, params, start, &mut local::Budget::of(params), ctx)?;
-    Ok(FirstChoice { rows: found.rows, floors: Floors::Needed(needs) })
+    Ok(FirstChoice { rows: found.rows.best, floors: Floors::Needed(needs) })
 }
 
 /// Chooses greedily, without a bound.
@@ -275,7 +278,25 @@ pub(in crate::planning) fn of_rows(
     ctx: &Context<'_>,
 ) -> Result<OpenSelection, Cancelled> {
     let choices = greedy::order(&score::Scorer::new(problem, params, score, ctx.simd_level()), rows, ctx)?;
-    Ok(OpenSelection { choices, stopped_because: like.stopped_because, bound: Arc::clone(&like.bound) })
+    Ok(like.with_choices(choices))
+}
+
+impl OpenSelection {
+    /// Makes a selection of other choices, as many, that meet the same goals.
+    pub(in crate::planning) fn with_choices(&self, choices: Vec<Choice>) -> Self {
+        Self { choices, stopped_because: self.stopped_because, bound: Arc::clone(&self.bound), before_raise: None }
+    }
+
+    /// Orders views as greedy takes them.
+    fn of(
+        scorer: &score::Scorer<'_>,
+        views: &ScoredViews,
+        (stopped_because, bound): (StopReason, Arc<OpenBound>),
+        ctx: &Context<'_>,
+    ) -> Result<Self, Cancelled> {
+        let before_raise = views.before_raise.as_ref().map(|rows| greedy::order(scorer, rows, ctx)).transpose()?;
+        Ok(Self { choices: greedy::order(scorer, &views.best, ctx)?, stopped_because, bound, before_raise })
+    }
 }
 
 impl Cover {
