@@ -409,7 +409,7 @@ pub(super) fn placed(params: &PlanParams, up: Option<UpAxis>, mesh: &Mesh) -> Pl
 
 /// Warns of a plan that measures less at grade A than is asked for, or loses much under pose errors.
 fn warn_of_quality(params: &PlanParams, coverage: &CoverageDocument, stopped_because: StopReason) {
-    warn("parameters", warnings::of_grade_a(params, coverage, stopped_because, "").as_slice());
+    warn("parameters", warnings::of_grade_a(params, coverage, "").as_slice());
     let robust = coverage.robust.as_ref();
     let fragile = robust.and_then(|robust| warnings::of_robust(params, robust, (false, stopped_because), ""));
     warn("parameters", fragile.as_slice());

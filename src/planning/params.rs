@@ -344,8 +344,9 @@ params! {
         /// what greedy's views give; `null` sets no limit. A larger share allows fewer views, which look at more of the surface
         /// obliquely.
         max_grade_loss: Option<f64> = Some(0.01), [0.0, 1.0] "";
-        /// `local` and `certified`: share of the asked area that the views must measure at grade A, as far as a further view adds at
-        /// least 0.5 % of the asked area there; `null` asks for none beyond `max_grade_loss`. A larger share takes more views.
+        /// `local` and `certified`: share of the asked area that the views must measure at grade A, on the samples that they are chosen on,
+        /// as far as a further view adds at least 0.5 % of the asked area there; `null` asks for none beyond `max_grade_loss`. A larger
+        /// share takes more views.
         min_grade_a: Option<f64> = None, [0.0, 1.0] "";
         /// Approximate number of samples that views are chosen on; more are taken where small features need them. The chosen
         /// views are then evaluated on every sample. Default: 8 000 plus one for each 25 mm² of surface, at most 40 000; 40 000

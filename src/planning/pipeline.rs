@@ -377,7 +377,9 @@ impl<'a> Stages<'a> {
         let views_at_first = first.rows.len();
         let closer = self.settle(problem, FloorSource::FirstChoice(first), excluded)?;
         // Views that join several setups come on top.
-        let takes_more = self.setups.len() == 1 && closer.chosen.candidates.len() > views_at_first;
+        // So do those that tilted candidates give for more at grade A.
+        let has_own = self.setups.len() > 1 || problem.params.selection.min_grade_a.is_some();
+        let takes_more = !has_own && closer.chosen.candidates.len() > views_at_first;
         let Some(mut before) = before.filter(|_| takes_more) else { return Ok(closer) };
         let without = self.settle(&mut before, FloorSource::Unslid, excluded)?;
         if without.chosen.candidates.len() >= closer.chosen.candidates.len() {
@@ -406,6 +408,8 @@ impl<'a> Stages<'a> {
             if views.is_empty() {
                 known = problem.known();
                 views = problem.select(excluded, first.as_ref(), ctx)?;
+                // Views with more at grade A might take more to join the setups.
+                views.truncate(if self.setups.len() > 1 { 1 } else { usize::MAX });
             }
             let Some(mut chosen) = views.pop() else { continue };
             if chosen.candidates.is_empty() {

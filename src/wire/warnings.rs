@@ -20,6 +20,8 @@ mod tests;
 
 /// Share of a device's field beyond which most of it is hidden.
 const MAJORITY: f64 = 0.5;
+/// Difference of two shares of area that is rounding.
+const SHARE_ROUNDING: f64 = 1e-8;
 /// Difference of two shares of a field that is told as none.
 const HIDDEN_ROUNDING: f64 = 5e-4;
 
@@ -497,7 +499,7 @@ pub fn of_empty_region(list: RegionUse, place: usize, part: &Aabb, at: &str) -> 
 pub fn of_coverage(params: &PlanParams, coverage: &CoverageDocument, stopped_because: StopReason, at: &str) -> Vec<FieldWarning> {
     let mut warnings = of_regions(params, &coverage.regions, at);
     warnings.extend(of_refuted_regions(params, &coverage.regions, at));
-    warnings.extend(of_grade_a(params, coverage, stopped_because, at));
+    warnings.extend(of_grade_a(params, coverage, at));
     let fragile = |robust: &RobustDocument| of_robust(params, robust, (coverage.of_open, stopped_because), at);
     warnings.extend(coverage.robust.as_ref().and_then(fragile));
     warnings
@@ -506,14 +508,10 @@ pub fn of_coverage(params: &PlanParams, coverage: &CoverageDocument, stopped_bec
 /// Warning on a plan whose views measure less at grade A than is asked for; `at` is the pointer to its parameters. Further views of the
 /// open area are not chosen by it.
 #[must_use]
-pub fn of_grade_a(
-    params: &PlanParams,
-    coverage: &CoverageDocument,
-    stopped_because: StopReason,
-    at: &str,
-) -> Option<FieldWarning> {
-    let asked = params.selection.min_grade_a.filter(|asked| !coverage.of_open && coverage.grades.a < *asked)?;
-    let remedy = if stopped_because == StopReason::MaxViews {
+pub fn of_grade_a(params: &PlanParams, coverage: &CoverageDocument, at: &str) -> Option<FieldWarning> {
+    let is_less = |asked: &f64| !coverage.of_open && coverage.grades.a < asked - SHARE_ROUNDING;
+    let asked = params.selection.min_grade_a.filter(is_less)?;
+    let remedy = if params.selection.max_views.is_some_and(|views| coverage.curve.len() >= views as usize) {
         "raise selection.max_views, or ask for less"
     } else {
         "give views more places to choose from (candidates.even_directions, candidates.standoffs_mm), or ask for less; where little is \

@@ -35,7 +35,7 @@ pub(super) fn select(
     ctx: &Context<'_>,
 ) -> Result<OpenSelection, Cancelled> {
     let scorer = Scorer::new(problem, params, weights, ctx.simd_level());
-    let mut found = local::search(&scorer, params, floor, ctx)?;
+    let mut found = local::search(&scorer, params, (floor.map(|floor| &floor.start), None), ctx)?;
     let overlap = Overlap::new(problem, &params.overlap);
     let mut proof = Proof { problem, overlap: &overlap, left: u64::from(params.work_limit) * 1_000_000, ctx };
     let bound = if is_for_coverage(params) {
@@ -46,7 +46,13 @@ pub(super) fn select(
     let rows = problem.measured(&found.rows.best);
     let goals = goals_of(problem, &rows, is_for_coverage(params));
     let exchange = Exchange { problem, goals: &goals, overlap: &overlap };
-    let views = local::best_scored(&scorer, &exchange, (found.rows.best, floor), &mut Budget { left: u64::MAX }, ctx)?;
+    let views = local::best_scored(
+        &scorer,
+        &exchange,
+        (found.rows.best, floor.map(GradeFloor::goal_of_grade_a)),
+        &mut Budget { left: u64::MAX },
+        ctx,
+    )?;
     // Fewer views that measure what all that may be chosen did: those that they save are there for more of the goals.
     let is_limited = found.stopped_because == StopReason::MaxViews && !is_for_coverage(params);
     let (views, stopped_because) = if is_limited && views.best.len() < max_views(params) {

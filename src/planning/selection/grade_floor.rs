@@ -11,7 +11,7 @@ use std::borrow::Cow;
 
 use super::overlap::Overlap;
 use super::score::Uncovered;
-use super::{Choice, Cover, CoverProblem, FirstChoice, Floors, Goal, coverable_mm2, greedy, max_views};
+use super::{Choice, Cover, CoverProblem, FirstChoice, Floors, Goal, StopReason, coverable_mm2, greedy, max_views};
 use crate::geometry::parallel;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{RowIndex, SampleId};
@@ -77,27 +77,24 @@ impl GradeFloor {
             Some(Floors::Needed(needs)) => (max_loss, needs.as_ref()),
             None => (max_loss, None),
         };
-        let overlap = Overlap::new(problem, &params.overlap);
         let mut start = greedy::select_after(problem, params, weights, first.map_or(&[], |first| &first.rows), ctx)?;
         let places = TwinPlaces::new(problem.asked_area_mm2.len());
         let rows: Vec<Row> = parallel::map(&problem.rows, |row| places.with_twins(row));
         let own = |goal: &Goal<'_>| Goal { area_mm2: Cow::Owned(places.of_samples(&goal.area_mm2)), needed_mm2: goal.needed_mm2 };
         let mut goals: Vec<Goal<'static>> = problem.goals.iter().map(own).collect();
-        for floor in 0..FLOORS.len() {
+        let chosen: Vec<&Row> = start.choices.iter().map(|choice| &rows[choice.row.index()]).collect();
+        let floor_under = |floor: usize| {
             let area_mm2 = places.of_twins(problem.asked_area_mm2, floor);
-            let chosen: Vec<&Row> = start.choices.iter().map(|choice| &rows[choice.row.index()]).collect();
-            let greedy_mm2 = coverable_mm2(&chosen, &area_mm2);
             let twins_mm2 = area_mm2.iter().sum::<f64>();
-            let of_greedy_mm2 = (greedy_mm2 - max_loss * twins_mm2).max(0.0);
+            let of_greedy_mm2 = (coverable_mm2(&chosen, &area_mm2) - max_loss * twins_mm2).max(0.0);
             let needed_mm2 = needs.and_then(|needs| needs.on(floor, places.stride, twins_mm2)).unwrap_or(of_greedy_mm2);
-            let mut goal = Goal { area_mm2: Cow::Owned(area_mm2), needed_mm2 };
-            if let Some(share) = params.min_grade_a.filter(|_| FLOORS[floor] == Grade::A) {
-                let coverable_mm2 = coverable_mm2(&rows.iter().collect::<Vec<_>>(), &goal.area_mm2);
-                goal.needed_mm2 = needed_mm2.max((share * twins_mm2).min(coverable_mm2));
-                top_up(&mut start, (&rows, &goal), &overlap, params, ctx)?;
-            }
-            goals.push(goal);
+            Goal { area_mm2: Cow::Owned(area_mm2), needed_mm2 }
+        };
+        let [mut grade_a, grade_b] = [0, 1].map(floor_under);
+        if params.min_grade_a.is_some() {
+            raise(&mut grade_a, &mut start, (&rows, &goals), &Overlap::new(problem, &params.overlap), params, ctx)?;
         }
+        goals.extend([grade_a, grade_b]);
         Ok(Some(Self {
             rows,
             asked_area_mm2: places.of_samples(problem.asked_area_mm2),
@@ -147,34 +144,44 @@ impl GradeFloor {
     }
 }
 
-/// Adds views, each the one that adds most to a goal of those that overlap the others as is asked for, until it is met, none adds
-/// [`MIN_ADDED`] of its area, or there may be no more; `rows` are those with twins.
-fn top_up(
+/// Raises the floor under grade A to the share that is asked for. Views join `start`, each the one that adds most at grade A of those that
+/// overlap the others as is asked for, until they give as much, none adds [`MIN_ADDED`] of the asked area, or there may be no more; the
+/// floor is what they give at most. `rows` are those with twins, `goals` the others.
+fn raise(
+    grade_a: &mut Goal<'_>,
     start: &mut Cover,
-    (rows, goal): (&[Row], &Goal<'_>),
+    (rows, goals): (&[Row], &[Goal<'_>]),
     overlap: &Overlap<'_>,
     params: &SelectionParams,
     ctx: &Context<'_>,
 ) -> Result<(), Cancelled> {
+    let twins_mm2 = grade_a.area_mm2.iter().sum::<f64>();
+    let min_added_mm2 = MIN_ADDED.max(params.min_growth) * twins_mm2;
+    let needed_mm2 = params.min_grade_a.unwrap_or_default() * twins_mm2 * (1.0 - greedy::SUM_SLACK);
     let mut chosen = start.rows();
-    let mut open = Uncovered::all(&goal.area_mm2, ctx.simd_level());
-    let min_added_mm2 = MIN_ADDED * goal.area_mm2.iter().sum::<f64>();
-    let mut open_mm2 = goal.needed_mm2 * (1.0 - greedy::SUM_SLACK);
+    let mut open = Uncovered::all(&grade_a.area_mm2, ctx.simd_level());
+    let mut covered_mm2 = 0.0;
     for row in &chosen {
-        open_mm2 -= open.area_mm2(&rows[row.index()]);
+        covered_mm2 += open.area_mm2(&rows[row.index()]);
         open.close(&rows[row.index()]);
     }
-    while open_mm2 > 0.0 && chosen.len() < max_views(params) {
+    while covered_mm2 < needed_mm2 && chosen.len() < max_views(params) {
         ctx.check()?;
         let gains = parallel::map(rows, |row| open.area_mm2(row));
         let joined = RowIndex::number(gains).filter(|(row, gain_mm2)| *gain_mm2 >= min_added_mm2 && overlap.joins(*row, &chosen));
         let best =
             joined.fold(None, |best, next| if best.is_some_and(|(_, gain_mm2)| gain_mm2 >= next.1) { best } else { Some(next) });
         let Some((row, gain_mm2)) = best else { break };
-        open_mm2 -= gain_mm2;
+        covered_mm2 += gain_mm2;
         open.close(&rows[row.index()]);
         chosen.push(row);
         start.choices.push(Choice { row, gain_mm2: 0.0, score: 0.0 });
+    }
+    grade_a.needed_mm2 = grade_a.needed_mm2.max(needed_mm2.min(covered_mm2));
+    let taken: Vec<&Row> = chosen.iter().map(|row| &rows[row.index()]).collect();
+    let is_met = |goal: &Goal<'_>| coverable_mm2(&taken, &goal.area_mm2) >= goal.needed_mm2 * (1.0 - greedy::SUM_SLACK);
+    if goals.iter().all(is_met) {
+        start.stopped_because = StopReason::Target;
     }
     Ok(())
 }

@@ -11,7 +11,6 @@ use std::ops::Range;
 use rayon::prelude::*;
 
 use super::blocks::{BLOCK, BlockSegment, change_sums, masked_sum, segment_sums};
-use super::grade_floor::GradeFloor;
 use super::greedy::{self, BatchQueue};
 use super::improve_score;
 use super::overlap::Overlap;
@@ -70,33 +69,34 @@ impl ScoredViews {
 }
 
 /// The best views that exchanges find, begun at `start`, or where greedy by area ends: the fewest, and of as many those of the highest
-/// score.
+/// score ([`best_scored`]).
 pub(super) fn search(
     scorer: &Scorer<'_>,
     params: &SelectionParams,
-    floor: Option<&GradeFloor>,
+    (start, grade_a): (Option<&Cover>, Option<usize>),
     ctx: &Context<'_>,
 ) -> Result<LocalOptimum, Cancelled> {
     let problem = scorer.problem;
     let mut budget = Budget::of(params);
-    let (found, goals) = fewest(scorer, params, floor.map(|floor| &floor.start), &mut budget, ctx)?;
+    let (found, goals) = fewest(scorer, params, start, &mut budget, ctx)?;
     let overlap = Overlap::new(problem, &params.overlap);
     let exchange = Exchange { problem, goals: &goals, overlap: &overlap };
-    let rows = best_scored(scorer, &exchange, (found.rows.best, floor), &mut budget, ctx)?;
+    let rows = best_scored(scorer, &exchange, (found.rows.best, grade_a), &mut budget, ctx)?;
     Ok(LocalOptimum { rows, ..found })
 }
 
 /// Finds as many views of the highest score: by exchanges from the views at hand, then from others, as many, with more area at grade A
-/// than the best have. Those are mostly better covers that single exchanges do not lead to.
+/// than the best have. Those are mostly better covers that single exchanges do not lead to. `grade_a` is the place of the floor under grade A
+/// among the goals; without it no others are looked for.
 pub(super) fn best_scored(
     scorer: &Scorer<'_>,
     exchange: &Exchange<'_>,
-    (rows, floor): (Vec<RowIndex>, Option<&GradeFloor>),
+    (rows, grade_a): (Vec<RowIndex>, Option<usize>),
     budget: &mut Budget,
     ctx: &Context<'_>,
 ) -> Result<ScoredViews, Cancelled> {
     let (mut score, mut best) = improve_score::run(scorer, exchange, rows, budget, ctx)?;
-    let Some(grade_a) = floor.map(GradeFloor::goal_of_grade_a) else { return Ok(ScoredViews::only(best)) };
+    let Some(grade_a) = grade_a else { return Ok(ScoredViews::only(best)) };
     let mut before_raise = None;
     let (mut raise, mut failures) = (RAISE, 0);
     for attempt in 0..MAX_RAISES {

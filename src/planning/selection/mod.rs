@@ -200,7 +200,8 @@ fn fewest(
         return certified::select(problem, params, score, floor, ctx);
     }
     let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
-    let found = local::search(&scorer, params, floor, ctx)?;
+    let from = (floor.map(|floor| &floor.start), floor.map(GradeFloor::goal_of_grade_a));
+    let found = local::search(&scorer, params, from, ctx)?;
     let bound = Arc::new(OpenBound::of(problem, params, &problem.measured(&found.rows.best), problem.rows_without_quality()));
     OpenSelection::of(&scorer, &found.rows, (found.stopped_because, bound), ctx)
 }
