@@ -86,7 +86,7 @@ pub(super) fn search(
 }
 
 /// Finds as many views of the highest score: by exchanges from the views at hand, then from others, as many, with more area at grade A
-/// than the best have. Those are mostly better covers that single exchanges do not lead to. `grade_a` is the place of the floor under grade A
+/// than the best have, and no less at A or B. Those are mostly better covers that single exchanges do not lead to. `grade_a` is the place of the floor under grade A
 /// among the goals; without it no others are looked for.
 pub(super) fn best_scored(
     scorer: &Scorer<'_>,
@@ -100,9 +100,11 @@ pub(super) fn best_scored(
     let mut before_raise = None;
     let (mut raise, mut failures) = (RAISE, 0);
     for attempt in 0..MAX_RAISES {
-        let mut goals = exchange.goals.to_vec();
+        let (mut goals, measured) = (exchange.goals.to_vec(), exchange.problem.measured(&best));
+        // Nothing of the other floors is given up for it.
+        goals[grade_a..].iter_mut().for_each(|floor| floor.needed = floor.covered_by(&measured));
         let goal = &mut goals[grade_a];
-        goal.needed = goal.covered_by(&exchange.problem.measured(&best)).saturating_add((raise * goal.total as f64) as i64);
+        goal.needed = goal.needed.saturating_add((raise * goal.total as f64) as i64);
         if goal.needed > goal.measured || budget.left == 0 {
             break;
         }

@@ -149,7 +149,7 @@ pub(in crate::planning) struct Cover {
     stopped_because: StopReason,
 }
 
-/// Chooses views.
+/// Chooses views, of the number that a plan takes; a plan then looks for as many with more area at grade A.
 ///
 /// # Errors
 /// [`Cancelled`].
@@ -159,8 +159,8 @@ pub fn select(
     score: &ScoreParams,
     ctx: &Context<'_>,
 ) -> Result<Selection, Cancelled> {
-    let OpenSelection { choices, stopped_because, bound, .. } = choose(problem, params, score, None, ctx)?;
-    Ok(Selection { choices, stopped_because, bound: bound.compute(ctx)? })
+    let OpenSelection { choices, stopped_because, bound, before_raise } = choose(problem, params, score, None, ctx)?;
+    Ok(Selection { choices: before_raise.unwrap_or(choices), stopped_because, bound: bound.compute(ctx)? })
 }
 
 /// Chooses views; their bound may still have to be computed. The floors under grades are those of a `first` choice,
