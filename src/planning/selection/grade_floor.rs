@@ -24,7 +24,7 @@ const FLOORS: [Grade; 2] = [Grade::A, Grade::B];
 /// Samples that have twins at most: their area is that of all to a tenth of a percent.
 const MAX_TWINNED: usize = 50_000;
 
-/// Share of the asked area that a view must add at grade A which is taken for that alone: our choice. For slivers of a demo part 76 views
+/// Share of the asked area that a view must add at grade A which is taken for that alone: our choice. For slivers of a demo part 90 views
 /// would be taken in place of 14 to have 89 % of grade A in place of 76 %.
 const MIN_ADDED: f64 = 0.005;
 
