@@ -19,7 +19,8 @@ use crate::planning::params::{CandidateParams, Hemisphere, Standoff};
 use crate::planning::problem::{ChosenViews, ViewPlanningProblem};
 use crate::planning::setups::{self, Setup};
 use crate::planning::stations::Station;
-use crate::planning::visibility::{self, Optics, Probe, Row, UnitedViews};
+use crate::planning::surface::AskedPoint;
+use crate::planning::visibility::{self, Optics, Row, UnitedViews};
 
 /// Samples that stand for what a view contributes.
 const MAX_SAMPLES: usize = 400;
@@ -161,11 +162,10 @@ impl SlidingView<'_, '_> {
     fn best_move_mm(&self, contributed: &[(SampleId, f64)]) -> f64 {
         let surface = &self.problem.surface;
         let score = |forward_mm: f64| {
-            let pose = moved(&self.of().part_from_scanner, forward_mm);
-            let probe = Probe::new(self.optics, &pose, self.setup.occluders.rays());
+            let view = self.optics.at(&moved(&self.of().part_from_scanner, forward_mm));
             let value = |sample: SampleId| {
-                let (normal, kind) = (&surface.patch_of(sample).normal, surface.requirements.kind(sample));
-                let quality = probe.before_shadow(&surface.sample_mm[sample.index()], normal, kind).ok()?;
+                let AskedPoint { mm, normal, kind } = surface.asked_point(sample);
+                let quality = view.before_shadow(&mm, &normal, kind).ok()?;
                 Some(self.problem.params.score.value(f64::from(quality)))
             };
             let of_sample = |(sample, by_others): &(SampleId, f64)| {

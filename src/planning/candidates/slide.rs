@@ -16,6 +16,7 @@ use super::{Scope, blocks};
 use crate::geometry::{Part, Pose, ScannerFrame, SimdLevel, Table};
 use crate::planning::ids::SampleId;
 use crate::planning::params::{CandidateParams, Standoff};
+use crate::planning::surface::AskedPoint;
 use crate::planning::verdict::Grade;
 use crate::planning::visibility::Probe;
 
@@ -43,24 +44,16 @@ pub(super) struct Slide<'a> {
     around: Vec<SlideSample>,
 }
 
-/// A sample in the part frame.
 struct SlideSample {
-    point_mm: Point3<f64>,
-    normal: Vector3<f64>,
+    point: AskedPoint,
     area_mm2: f64,
-    /// Kind of its requirement.
-    kind: u16,
 }
 
 impl<'a> Slide<'a> {
     pub(super) fn new(scope: &'a Scope<'a>, params: &CandidateParams, level: SimdLevel) -> Self {
         let surface = scope.surface;
-        let sample = |sample: SampleId| SlideSample {
-            point_mm: surface.sample_mm[sample.index()],
-            normal: surface.patch_of(sample).normal,
-            area_mm2: surface.sample_area_mm2(sample),
-            kind: surface.requirements.kind(sample),
-        };
+        let sample =
+            |sample: SampleId| SlideSample { point: surface.asked_point(sample), area_mm2: surface.sample_area_mm2(sample) };
         let some = |samples: &[SampleId], max: usize| -> Vec<SlideSample> {
             let count = samples.len().min(max);
             (0..count).map(|i| sample(samples[i * samples.len() / count])).collect()
@@ -109,7 +102,7 @@ impl<'a> Slide<'a> {
         let [near_mm, far_mm] = self.scope.scanner.working_depth_mm();
         let seen = self.seen(start, samples, from_mm);
         let scanner_from_part = start.inverse();
-        let depths_mm = || seen.iter().map(|sample| scanner_from_part.point(&sample.point_mm).z);
+        let depths_mm = || seen.iter().map(|sample| scanner_from_part.point(&sample.point.mm).z);
         let low_mm = depths_mm().fold(f64::INFINITY, f64::min) - far_mm;
         let high_mm = depths_mm().fold(f64::NEG_INFINITY, f64::max) - near_mm;
         if low_mm >= high_mm {
@@ -127,8 +120,12 @@ impl<'a> Slide<'a> {
 
     /// The samples to which the lines from all devices are clear.
     fn seen<'s>(&self, start: &Pose<Part, ScannerFrame>, samples: &'s [SlideSample], forward_mm: f64) -> Vec<&'s SlideSample> {
-        let probe = Probe::new(self.scope.optics, &moved(start, forward_mm), self.scope.occluders.rays());
-        samples.iter().filter(|sample| probe.has_clear_lines(&sample.point_mm, &sample.normal)).collect()
+        let probe = self.probe(start, forward_mm);
+        samples.iter().filter(|sample| probe.has_clear_lines(&sample.point)).collect()
+    }
+
+    fn probe(&self, start: &Pose<Part, ScannerFrame>, forward_mm: f64) -> Probe<'_> {
+        Probe::new(self.scope.optics, &moved(start, forward_mm), self.scope.occluders.rays(), self.level)
     }
 
     /// Score of the samples that are seen from a viewpoint that is moved forward.
@@ -138,8 +135,8 @@ impl<'a> Slide<'a> {
 
     /// Score of `seen` from a viewpoint that is moved forward.
     fn score(&self, start: &Pose<Part, ScannerFrame>, seen: &[&SlideSample], forward_mm: f64) -> f64 {
-        let probe = Probe::new(self.scope.optics, &moved(start, forward_mm), self.scope.occluders.rays());
-        let quality = |sample: &SlideSample| probe.before_shadow(&sample.point_mm, &sample.normal, sample.kind).ok();
+        let probe = self.probe(start, forward_mm);
+        let quality = |sample: &SlideSample| probe.before_shadow(&sample.point).ok();
         let worth =
             |quality: f64| self.scope.score.value(quality) + if quality > Grade::A.above() { WORTH_OF_GRADE_A } else { 0.0 };
         let score = |sample: &&SlideSample| Some(sample.area_mm2 * worth(f64::from(quality(sample)?)));

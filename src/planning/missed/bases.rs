@@ -24,7 +24,8 @@ pub(super) fn shortlist(
     rays: &RayScene,
     ctx: &Context<'_>,
 ) -> Result<Vec<(CandidateIndex, FirstFailures)>, Cancelled> {
-    let probe = |candidate: CandidateIndex| ctx.check().map(|()| Probe::new(optics, &poses[candidate.index()], rays));
+    let probe =
+        |candidate: CandidateIndex| ctx.check().map(|()| Probe::new(optics, &poses[candidate.index()], rays, ctx.simd_level()));
     let spread = CandidateIndex::first(poses.len()).step_by(poses.len().div_ceil(MAX_CONSIDERED).max(1));
     let considered: Vec<_> = spread.filter(|candidate| keep(*candidate)).collect();
     let cheap = |candidate: &CandidateIndex| Ok((*candidate, samples.progress_before_shadow(&probe(*candidate)?)));

@@ -6,6 +6,8 @@ use super::search::MissAnalysis;
 use super::spot_samples::SpotSamples;
 use crate::cell::{PerDevice, Scanner};
 use crate::planning::params::{LimitParams, PlanParams};
+use crate::planning::surface::AskedPoint;
+use crate::planning::verdict::Cause;
 use crate::planning::visibility::{Optics, Probe};
 
 /// Limits of incidence that a job has tightened, and how far it may raise them again, degrees.
@@ -86,10 +88,10 @@ pub(super) struct Needs {
 impl Needs {
     /// `probe` is one of optics with the largest limits.
     pub(super) fn of(samples: &SpotSamples, probe: &Probe<'_>) -> Self {
-        let by_sample = samples.points().iter().map(|(p, normal, kind)| {
-            probe.measure(p, normal, *kind).ok().map(|_| probe.incidence_rad(p, normal).map(f64::to_degrees))
-        });
-        Self { by_sample: by_sample.collect() }
+        let need = |(point, result): (&AskedPoint, Result<f32, Cause>)| {
+            result.ok().map(|_| probe.incidence_rad(point).map(f64::to_degrees))
+        };
+        Self { by_sample: samples.points().iter().zip(probe.measure(samples.points())).map(need).collect() }
     }
 
     /// Bits of the samples that limits reach.

@@ -4,7 +4,8 @@ use nalgebra::{Unit, Vector3};
 
 use super::proposals::directions;
 use super::spot_samples::SpotSamples;
-use crate::geometry::RayScene;
+use crate::geometry::{RayScene, SimdLevel};
+use crate::planning::surface::AskedPoint;
 
 /// Directions that are looked into: about 9° apart.
 const DIRECTIONS: usize = 500;
@@ -19,18 +20,13 @@ const RETURNED: usize = 6;
 
 /// Directions towards the outside: square to the spot, then the middles of openings, the widest first; none supports
 /// another.
-pub(super) fn directions_of(samples: &SpotSamples, rays: &RayScene, reach_mm: f64) -> Vec<Unit<Vector3<f64>>> {
+pub(super) fn directions_of(samples: &SpotSamples, rays: &RayScene, reach_mm: f64, level: SimdLevel) -> Vec<Unit<Vector3<f64>>> {
     let stride = samples.points().len().div_ceil(SAMPLES).max(1);
-    let from: Vec<_> = samples.points().iter().step_by(stride).collect();
-    let open = |towards: &Unit<Vector3<f64>>| {
-        let cosines = from.iter().filter(|(p, normal, _)| {
-            let start = p + normal * OFF_SURFACE_MM;
-            normal.dot(towards) > 0.0 && !rays.blocked(&start, &(start + towards.into_inner() * reach_mm), 1.0)
-        });
-        // An oblique view is worth less, as it is in projected area.
-        cosines.map(|(_, normal, _)| normal.dot(towards)).sum::<f64>()
-    };
-    let worth: Vec<(Unit<Vector3<f64>>, f64)> = directions(DIRECTIONS).map(|d| (d, open(&d))).filter(|(_, w)| *w > 0.0).collect();
+    let from: Vec<AskedPoint> = samples.points().iter().step_by(stride).copied().collect();
+    let openness = |towards: &[Unit<Vector3<f64>>]| openness(&from, towards, rays, reach_mm, level);
+    let lattice: Vec<_> = directions(DIRECTIONS).collect();
+    let worth = openness(&lattice);
+    let worth: Vec<(Unit<Vector3<f64>>, f64)> = lattice.into_iter().zip(worth).filter(|(_, worth)| *worth > 0.0).collect();
     let supported = |(towards, own): &(Unit<Vector3<f64>>, f64)| {
         let around = worth.iter().filter(|(other, _)| other.dot(towards) >= SUPPORT_COS).map(|(_, worth)| worth).sum::<f64>();
         (*towards, own + around)
@@ -38,12 +34,29 @@ pub(super) fn directions_of(samples: &SpotSamples, rays: &RayScene, reach_mm: f6
     let mut ranked: Vec<_> = worth.iter().map(supported).collect();
     ranked.sort_by(|a, b| b.1.total_cmp(&a.1));
     // Square to the spot comes first where that is open: the lattice only comes near it.
-    let mean = Unit::try_new(from.iter().map(|(_, normal, _)| normal).sum::<Vector3<f64>>(), f64::EPSILON);
-    let mut chosen: Vec<Unit<Vector3<f64>>> = mean.into_iter().filter(|towards| open(towards) > 0.0).collect();
+    let mean = Unit::try_new(from.iter().map(|point| point.normal).sum::<Vector3<f64>>(), f64::EPSILON);
+    let mut chosen: Vec<Unit<Vector3<f64>>> = mean.into_iter().filter(|towards| openness(&[*towards])[0] > 0.0).collect();
     for (towards, _) in ranked {
         if chosen.len() < RETURNED && chosen.iter().all(|other| other.dot(&towards) < SUPPORT_COS) {
             chosen.push(towards);
         }
     }
     chosen
+}
+
+/// Projected share of the points from which each direction is open, in points: an oblique view is worth less, as it is in projected area.
+fn openness(from: &[AskedPoint], towards: &[Unit<Vector3<f64>>], rays: &RayScene, reach_mm: f64, level: SimdLevel) -> Vec<f64> {
+    let mut openness = vec![0.0; towards.len()];
+    let (mut ends, mut hidden) = (Vec::new(), Vec::new());
+    for AskedPoint { mm, normal, .. } in from {
+        let start = mm + normal * OFF_SURFACE_MM;
+        let outside: Vec<usize> = (0..towards.len()).filter(|i| normal.dot(&towards[*i]) > 0.0).collect();
+        ends.clear();
+        ends.extend(outside.iter().map(|i| start + towards[*i].into_inner() * reach_mm));
+        rays.blocked_from(level, &start, &ends, 1.0, &mut hidden);
+        for (i, _) in outside.iter().zip(&hidden).filter(|(_, hidden)| !**hidden) {
+            openness[*i] += normal.dot(&towards[*i]);
+        }
+    }
+    openness
 }

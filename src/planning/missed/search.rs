@@ -213,7 +213,7 @@ impl<'a> RemedySearch<'a> {
             return Ok(remedy);
         }
         let reach_mm = context.analysis.scanner.best_mm;
-        let openings = opening::directions_of(&self.samples, rays, reach_mm);
+        let openings = opening::directions_of(&self.samples, rays, reach_mm, self.ctx.simd_level());
         let mut tried = Vec::new();
         if let Some(remedy) = self.moved(RemedyKind::Roll, source.rolls(), &mut tried, &source)? {
             return Ok(remedy);
@@ -229,7 +229,7 @@ impl<'a> RemedySearch<'a> {
             return Ok(remedy);
         }
         if context.above_only {
-            let openings = opening::directions_of(&self.samples, context.part_alone, reach_mm);
+            let openings = opening::directions_of(&self.samples, context.part_alone, reach_mm, self.ctx.simd_level());
             let mut proposals = source.setups(&openings);
             proposals.retain(|proposal| context.is_outside(&proposal.pose));
             let these = self.try_all(proposals, context.part_alone)?;
@@ -282,11 +282,15 @@ impl<'a> RemedySearch<'a> {
         Ok(remedy)
     }
 
+    fn probe<'p>(&self, optics: &'p Optics, pose: &Pose<Part, ScannerFrame>, rays: &'p RayScene) -> Probe<'p> {
+        Probe::new(optics, pose, rays, self.ctx.simd_level())
+    }
+
     fn try_all(&mut self, proposals: Vec<Proposal>, rays: &RayScene) -> Result<Vec<Tried>, Cancelled> {
         self.tried += proposals.len();
         let progress = |proposal: Proposal| {
             self.ctx.check()?;
-            let progress = self.samples.progress(&Probe::new(&self.context.optics, &proposal.pose, rays));
+            let progress = self.samples.progress(&self.probe(&self.context.optics, &proposal.pose, rays));
             Ok(Tried { proposal, progress })
         };
         proposals.into_par_iter().map(progress).collect()
@@ -381,7 +385,7 @@ impl<'a> RemedySearch<'a> {
         source: &ProposalSource<'_>,
     ) -> Option<Remedy> {
         let samples = SpotSamples::many(self.context.analysis.surface, &self.spot.samples);
-        let probes: Vec<Probe<'_>> = views.iter().map(|view| Probe::new(optics, &view.pose, rays)).collect();
+        let probes: Vec<Probe<'_>> = views.iter().map(|view| self.probe(optics, &view.pose, rays)).collect();
         let added_mm2 = samples.added_mm2(&probes);
         let area_mm2: f64 = added_mm2.iter().sum();
         let view = |(proposal, area_mm2): (&Proposal, f64)| RemedyView {
@@ -432,7 +436,7 @@ impl<'a> RemedySearch<'a> {
         let (context, rays) = (self.context, self.context.analysis.occluders.rays());
         let needs = |proposal: &Proposal| {
             self.ctx.check()?;
-            Ok(Needs::of(&self.samples, &Probe::new(&context.widest, &proposal.pose, rays)))
+            Ok(Needs::of(&self.samples, &self.probe(&context.widest, &proposal.pose, rays)))
         };
         let needs = parallel::try_map::<_, _, Cancelled>(proposals, needs)?;
         let mut answers: Vec<Option<bool>> = vec![None; proposals.len()];

@@ -1,9 +1,8 @@
 //! A spot as views are tried on it: few of its samples, one bit each, so that what a view measures of it is one word.
 
-use nalgebra::{Point3, Vector3};
-
 use crate::planning::ids::SampleId;
-use crate::planning::surface::Surface;
+use crate::planning::surface::{AskedPoint, Surface};
+use crate::planning::verdict::Cause;
 use crate::planning::visibility::{Probe, ones};
 
 /// Samples of a spot that views are tried on: a share of a half is then known to about 6 points.
@@ -12,9 +11,6 @@ const MAX_TRIED: usize = 64;
 const MAX_CONFIRMED: usize = 8192;
 /// Number for a sample that the view measures; for one that fails it is the number of the cause.
 const MEASURED: u8 = u8::MAX;
-
-/// Position, normal, and kind of what is asked of a sample.
-pub(super) type AskedPoint = (Point3<f64>, Vector3<f64>, u16);
 
 /// Points of a spot.
 pub(super) struct SpotSamples {
@@ -76,9 +72,7 @@ impl SpotSamples {
         let samples: Vec<SampleId> = (0..count).map(|i| samples[i * samples.len() / count]).collect();
         let looked_at_mm2: f64 = samples.iter().map(area).sum();
         let area_mm2 = samples.iter().map(|sample| area(sample) * total_mm2 / looked_at_mm2).collect();
-        let point = |sample: &SampleId| {
-            (surface.sample_mm[sample.index()], surface.patch_of(*sample).normal, surface.requirements.kind(*sample))
-        };
+        let point = |sample: &SampleId| surface.asked_point(*sample);
         Self { points: samples.iter().map(point).collect(), ids: samples, area_mm2, total_mm2 }
     }
 
@@ -89,21 +83,12 @@ impl SpotSamples {
 
     /// Progress of a view, shadows included.
     pub(super) fn progress(&self, probe: &Probe<'_>) -> FirstFailures {
-        FirstFailures(
-            self.points
-                .iter()
-                .map(|(p, normal, kind)| probe.measure(p, normal, *kind).map_or_else(|cause| cause as u8, |_| MEASURED))
-                .collect(),
-        )
+        FirstFailures(probe.measure(&self.points).into_iter().map(step).collect())
     }
 
     /// Progress of a view before any shadow, as [`FirstFailures::sum`] counts.
     pub(super) fn progress_before_shadow(&self, probe: &Probe<'_>) -> u32 {
-        let step = |(p, normal, kind): &AskedPoint| match probe.before_shadow(p, normal, *kind) {
-            Ok(_) => MEASURED,
-            Err(cause) => cause as u8,
-        };
-        FirstFailures(self.points.iter().map(step).collect()).sum()
+        FirstFailures(self.points.iter().map(|point| step(probe.before_shadow(point))).collect()).sum()
     }
 
     /// Area of the samples whose bits are set.
@@ -113,12 +98,21 @@ impl SpotSamples {
 
     /// Area that each view adds to those before it.
     pub(super) fn added_mm2(&self, probes: &[Probe<'_>]) -> Vec<f64> {
-        let mut added_mm2 = vec![0.0; probes.len()];
-        for ((p, normal, kind), area_mm2) in self.points.iter().zip(&self.area_mm2) {
-            if let Some(first) = probes.iter().position(|probe| probe.measure(p, normal, *kind).is_ok()) {
-                added_mm2[first] += area_mm2;
-            }
+        let mut open: Vec<usize> = (0..self.points.len()).collect();
+        let mut added_mm2 = Vec::with_capacity(probes.len());
+        for probe in probes {
+            let points: Vec<AskedPoint> = open.iter().map(|place| self.points[*place]).collect();
+            let measured = probe.measure(&points);
+            let added = open.iter().zip(&measured).filter(|(_, result)| result.is_ok());
+            added_mm2.push(added.map(|(place, _)| self.area_mm2[*place]).sum());
+            let mut left = measured.iter();
+            open.retain(|_| left.next().is_some_and(Result::is_err));
         }
         added_mm2
     }
+}
+
+/// Number of how far a view gets at a sample.
+fn step(result: Result<f32, Cause>) -> u8 {
+    result.map_or_else(|cause| cause as u8, |_| MEASURED)
 }

@@ -85,10 +85,24 @@ pub struct Surface {
     pub requirements: Requirements,
 }
 
+/// A point with its unit normal and the kind of requirement on it.
+#[derive(Clone, Copy, Debug)]
+pub(in crate::planning) struct AskedPoint {
+    pub(in crate::planning) mm: Point3<f64>,
+    pub(in crate::planning) normal: Vector3<f64>,
+    pub(in crate::planning) kind: u16,
+}
+
 impl Surface {
     /// Every sample, ascending.
     pub fn samples(&self) -> impl DoubleEndedIterator<Item = SampleId> + ExactSizeIterator + Clone + use<> {
         SampleId::first(self.sample_mm.len())
+    }
+
+    /// A sample with what is asked of it.
+    pub(in crate::planning) fn asked_point(&self, sample: SampleId) -> AskedPoint {
+        let (mm, normal) = (self.sample_mm[sample.index()], self.patch_of(sample).normal);
+        AskedPoint { mm, normal, kind: self.requirements.kind(sample) }
     }
 
     /// The patch that a sample lies in.

@@ -10,10 +10,10 @@ use super::VisibilityMatrix;
 use super::row::{QualityScale, Row};
 use super::view::{Optics, SHADOWS, View};
 use crate::cell::PerDevice;
-use crate::geometry::{Part, Pose, RayScene, ScannerFrame};
+use crate::geometry::{Part, Pose, RayScene, ScannerFrame, SimdLevel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
-use crate::planning::surface::Surface;
+use crate::planning::surface::{AskedPoint, Surface};
 use crate::planning::verdict::Cause;
 
 /// Words of samples a block: 1024 samples, about 3 ms of rays, the interval at which cancelling is noticed.
@@ -33,7 +33,7 @@ pub(super) fn cast(
     let mut furthest = vec![Cause::Facing; surface.sample_mm.len()];
     let mut rows = Vec::with_capacity(poses.len());
     for pose in poses {
-        let caster = Caster { surface, probe: Probe::new(optics, pose, scene), quality_scale };
+        let caster = Caster { surface, probe: Probe::new(optics, pose, scene, ctx.simd_level()), quality_scale };
         rows.push(caster.cast(&mut furthest, ctx)?);
         ctx.progress(rows.len(), poses.len());
     }
@@ -51,22 +51,44 @@ struct Caster<'a> {
 pub(in crate::planning) struct Probe<'a> {
     view: View<'a>,
     scene: &'a RayScene,
+    /// Level of the rays to many points.
+    level: SimdLevel,
 }
 
 impl<'a> Probe<'a> {
-    pub(in crate::planning) fn new(optics: &'a Optics, pose: &Pose<Part, ScannerFrame>, scene: &'a RayScene) -> Self {
-        Self { view: optics.at(pose), scene }
+    pub(in crate::planning) fn new(
+        optics: &'a Optics,
+        pose: &Pose<Part, ScannerFrame>,
+        scene: &'a RayScene,
+        level: SimdLevel,
+    ) -> Self {
+        Self { view: optics.at(pose), scene, level }
     }
 
-    /// The first step at which a point fails that has this unit normal and kind of requirement; else its quality.
-    pub(in crate::planning) fn measure(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u16) -> Result<f32, Cause> {
-        let quality = self.seen(p, normal, kind)?;
-        self.view.counted_quality(p, normal, quality, kind).ok_or(Cause::BelowGrade)
+    /// Finds for each of `points` the first step at which it fails, else its quality. Rays go in packets ([`RayScene::blocked_from`]).
+    pub(in crate::planning) fn measure(&self, points: &[AskedPoint]) -> Vec<Result<f32, Cause>> {
+        let mut results: Vec<Result<f32, Cause>> = points.iter().map(|point| self.before_shadow(point)).collect();
+        let (mut passing, mut targets, mut hidden) = (Vec::new(), Vec::new(), Vec::new());
+        for (centre, cause) in self.view.centres_mm.iter().zip(SHADOWS) {
+            passing.clear();
+            passing.extend((0..points.len()).filter(|place| results[*place].is_ok()));
+            targets.clear();
+            targets.extend(passing.iter().map(|place| points[*place].mm));
+            self.scene.blocked_from(self.level, centre, &targets, RAY_END_SHARE, &mut hidden);
+            passing.iter().zip(&hidden).filter(|(_, hidden)| **hidden).for_each(|(place, _)| results[*place] = Err(cause));
+        }
+        let counted = |(result, point): (&mut Result<f32, Cause>, &AskedPoint)| {
+            let AskedPoint { mm, normal, kind } = point;
+            let counted = |quality| self.view.counted_quality(mm, normal, quality, *kind).ok_or(Cause::BelowGrade);
+            *result = result.and_then(counted);
+        };
+        results.iter_mut().zip(points).for_each(counted);
+        results
     }
 
     /// The first step at which a point fails, however well it is measured; else its quality.
     fn seen(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u16) -> Result<f32, Cause> {
-        let quality = self.before_shadow(p, normal, kind)?;
+        let quality = self.view.before_shadow(p, normal, kind)?;
         for (centre, cause) in self.view.centres_mm.iter().zip(SHADOWS) {
             if self.scene.blocked(centre, p, RAY_END_SHARE) {
                 return Err(cause);
@@ -76,19 +98,20 @@ impl<'a> Probe<'a> {
     }
 
     /// Returns true if a point faces all devices and nothing hides it from any, wherever their frames and the depth end.
-    pub(in crate::planning) fn has_clear_lines(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> bool {
-        let clear = |centre: &Point3<f64>| normal.dot(&(centre - p)) > 0.0 && !self.scene.blocked(centre, p, RAY_END_SHARE);
+    pub(in crate::planning) fn has_clear_lines(&self, point: &AskedPoint) -> bool {
+        let AskedPoint { mm, normal, .. } = point;
+        let clear = |centre: &Point3<f64>| normal.dot(&(centre - mm)) > 0.0 && !self.scene.blocked(centre, mm, RAY_END_SHARE);
         self.view.centres_mm.iter().all(clear)
     }
 
     /// The first step before any shadow at which a point fails; else its quality. Shadows cost a ray each.
-    pub(in crate::planning) fn before_shadow(&self, p: &Point3<f64>, normal: &Vector3<f64>, kind: u16) -> Result<f32, Cause> {
-        self.view.before_shadow(p, normal, kind)
+    pub(in crate::planning) fn before_shadow(&self, point: &AskedPoint) -> Result<f32, Cause> {
+        self.view.before_shadow(&point.mm, &point.normal, point.kind)
     }
 
     /// The angles at which the devices see a point.
-    pub(in crate::planning) fn incidence_rad(&self, p: &Point3<f64>, normal: &Vector3<f64>) -> PerDevice<f64> {
-        self.view.incidence_rad(p, normal)
+    pub(in crate::planning) fn incidence_rad(&self, point: &AskedPoint) -> PerDevice<f64> {
+        self.view.incidence_rad(&point.mm, &point.normal)
     }
 }
 

@@ -3,9 +3,10 @@ use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
+use super::view::SHADOWS;
 use super::*;
 use crate::cell::{Presets, SpecLibrary};
-use crate::geometry::Mesh;
+use crate::geometry::{Mesh, demo_parts};
 use crate::planning::context::Silent;
 use crate::planning::ids::SampleId;
 use crate::planning::params::{FeatureParams, InterestParams, NoiseParams, PartParams, Region, RegionParams};
@@ -95,6 +96,29 @@ fn quality_falls_over_the_depth_that_the_devices_leave() {
         assert!((worst(depth_mm) - quality).abs() < 0.01, "{depth_mm}: {}", worst(depth_mm));
     }
     assert!(worst(439.5).is_infinite() && worst(520.5).is_infinite());
+}
+
+/// Remedies are tried by points whose rays go in packets; the plan's own misses come from the engine.
+#[test]
+fn points_measured_in_packets_fail_at_the_step_that_the_engine_of_single_rays_gives() {
+    let mesh = demo_parts::base(2_000).unwrap_or_else(|error| panic!("{error}"));
+    let (surface, scanner, flag) = (sampled(&mesh, 1.0), nominal_scanner(), AtomicBool::new(false));
+    let (scene, ctx, mut params) = (Occluders::new([&mesh]), Context::new(&flag, &Silent), PlanParams::default());
+    params.visibility.engine = Engine::Rays;
+    let optics = Optics::new(&scanner, &params, &surface.requirements);
+    let tilted = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI - 0.5);
+    let pose = Pose::from_parts(mesh.aabb().centre().coords - tilted * Vector3::z() * 480.0, tilted);
+    let points: Vec<_> = surface.samples().map(|sample| surface.asked_point(sample)).collect();
+    let in_packets = Probe::new(&optics, &pose, scene.rays(), ctx.simd_level()).measure(&points);
+    let single = cast(&surface, &[pose], &[true], &scanner, &scene, &params, &ctx).unwrap_or_else(|_| unreachable!());
+    let differing = |sample: &SampleId| match in_packets[sample.index()] {
+        Ok(_) => !single.rows[0].holds(*sample),
+        Err(cause) => single.rows[0].holds(*sample) || single.furthest_cause[sample.index()] != cause,
+    };
+    let shadowed =
+        in_packets.iter().filter(|result| result.is_err_and(|cause| SHADOWS.into_iter().any(|shadow| shadow == cause)));
+    assert!(shadowed.count() > 100 && single.rows[0].count() > 1000, "{} points", points.len());
+    assert_eq!(surface.samples().filter(differing).count(), 0);
 }
 
 #[test]
