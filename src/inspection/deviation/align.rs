@@ -1,6 +1,10 @@
 //! Alignments of the measured surface to the model: a motion of the part that makes the squares of the samples' distances, weighted by
 //! area, least. Small motions change a distance by j·δ, j = (p × n, n); the comparison is made again at the new pose, thrice.
 //!
+//! A fit to the whole surface leaves out samples beyond three times the root mean square of the distances, until none is beyond that of the
+//! others (sigma clipping: at most a ninth of the area at a time, by Chebyshev's inequality; of normal noise, 0.3 %). A lump of 100 mm² and
+//! 3 mm turned a box of 80 × 60 mm by a tenth of a degree otherwise, and material was missing beside it.
+//!
 //! The motion is as uncertain as the samples that it is from, at u = U/2 each and independent of each other: with N = Σ a j jᵀ its
 //! covariance is C = N⁺ (Σ (a u)² j jᵀ) N⁺, and the U² of each sample grows by 4 jᵀ C j. Far from a small region that counts. What samples
 //! have in common, by poses that are open, is added apart (`aligned_poses.rs`).
@@ -24,6 +28,8 @@ use crate::planning::ids::SampleId;
 
 /// Rounds of fit and comparison.
 const ROUNDS: usize = 3;
+/// Distance from the model beyond which a sample does not count in a fit to the whole surface, in root mean squares.
+const MAX_OF_RMS: f64 = 3.0;
 /// Share of the largest eigenvalue below which a freedom is taken for one that the samples do not fix: distances then change by less than
 /// a hundredth of the motion.
 const MIN_CONDITION: f64 = 1e-4;
@@ -159,8 +165,10 @@ pub fn best_fit(
     let (mut pose, mut moved) = (Isometry3::identity(), scans.to_vec());
     let mut deviation = compare(scans, nominal, options);
     let mut fixed_freedoms = 0;
+    let kept =
+        |deviation: &Deviation| if region.is_some() { fitted.to_vec() } else { without_outliers(deviation, nominal, fitted) };
     for _ in 0..ROUNDS {
-        let (step, fixed) = Fit::of(&deviation, nominal, fitted).step();
+        let (step, fixed) = Fit::of(&deviation, nominal, &kept(&deviation)).step();
         fixed_freedoms = fixed;
         pose = exp(&step) * pose;
         moved = scans.iter().map(|placed| placed.moved(&Pose::claim(pose))).collect();
@@ -169,11 +177,32 @@ pub fn best_fit(
             break;
         }
     }
-    let fit = Fit::of(&deviation, nominal, fitted);
-    let compared = (&deviation, nominal, fitted);
+    let fitted = kept(&deviation);
+    let fit = Fit::of(&deviation, nominal, &fitted);
+    let compared = (&deviation, nominal, &fitted[..]);
     let poses = open.and_then(|open| AlignedPoses::of(open, &moved, compared, (fit.frame, &fit.inverse())));
     fit.widen(&mut deviation, nominal, poses.as_ref());
     Aligned { alignment, mesh_from_placed: Pose::claim(pose), fixed_freedoms, deviation, poses }
+}
+
+/// Measured samples whose distances are at most [`MAX_OF_RMS`] times the root mean square of theirs, weighted by area.
+fn without_outliers(deviation: &Deviation, nominal: &Nominal<'_>, samples: &[SampleId]) -> Vec<SampleId> {
+    let distance_mm = |sample: &SampleId| f64::from(deviation.samples[sample.index()].distance_mm);
+    let is_measured = |sample: &SampleId| deviation.samples[sample.index()].points > 0;
+    let mut kept: Vec<SampleId> = samples.iter().copied().filter(is_measured).collect();
+    loop {
+        let (mut area_mm2, mut moment) = (0.0, 0.0);
+        for sample in &kept {
+            let own_mm2 = nominal.surface.sample_area_mm2(*sample);
+            area_mm2 += own_mm2;
+            moment += own_mm2 * distance_mm(sample).powi(2);
+        }
+        let (before, max_mm) = (kept.len(), MAX_OF_RMS * (moment / area_mm2).sqrt());
+        kept.retain(|sample| distance_mm(sample).abs() <= max_mm);
+        if kept.len() == before {
+            return kept;
+        }
+    }
 }
 
 /// Frame of a motion of the part: rotations are about the middle of the part, measured in steps that move points as far as shifts do.

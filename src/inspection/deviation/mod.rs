@@ -123,7 +123,8 @@ closed_list! {
     pub enum Alignment {
         /// The calibrated poses place the part.
         AsPlaced = "as_placed",
-        /// All measured samples fitted to the model, by least squares of their distances.
+        /// All measured samples fitted to the model, by least squares of their distances, without those beyond three root mean
+        /// squares.
         BestFit = "best_fit",
         /// The samples of one region fitted to the model.
         BestFitOn = "best_fit_on",
