@@ -1,6 +1,7 @@
-//! Local search for fewer views: greedy by area, redundant views removed, then with one view less exchanges of one view for
-//! another until the goals are met again, or work ends (tabu search: Glover 1989; for covering with a fixed number of views: Resende
-//! 1998, Galinier and Hertz 2007). The best views are exchanged for a higher score at last (`improve_score.rs`).
+//! Local search for fewer views: greedy by score where grades have floors, as by default, else by area; redundant views removed,
+//! then with one view less exchanges of one view for another until the goals are met again, or work ends (tabu search: Glover
+//! 1989; for covering with a fixed number of views: Resende 1998, Galinier and Hertz 2007). The best views are exchanged for a
+//! higher score at last (`improve_score.rs`).
 //!
 //! Deterministic: ties go to the lower rows, tenures come from a hash of the step, and the limit counts work. Cost: the first step
 //! passes over the open and the singly covered samples of every row, 64 at a time; each further step over those that the exchange before

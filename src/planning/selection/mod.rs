@@ -86,7 +86,7 @@ crate::cell::closed_list! {
     pub enum StopReason {
         /// The target share was reached.
         Target = "target",
-        /// The best view would add less than `selection.min_growth`.
+        /// No further view of positive score would add `selection.min_growth`.
         Growth = "growth",
         /// `selection.max_views` views were chosen.
         MaxViews = "max_views",
@@ -201,7 +201,15 @@ fn fewest(
     }
     let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
     let from = (floor.map(|floor| &floor.start), floor.map(GradeFloor::goal_of_grade_a));
-    let found = local::search(&scorer, params, from, ctx)?;
+    let mut found = local::search(&scorer, params, from, ctx)?;
+    // Others may add enough to exchanged views, though none did to greedy's. Each time more is measured, so that this ends.
+    while found.stopped_because == StopReason::Growth {
+        let grown = greedy::select_after(problem, params, score, &found.rows.best, ctx)?;
+        if grown.choices.len() == found.rows.best.len() {
+            break;
+        }
+        found = local::search(&scorer, params, (Some(&grown), from.1), ctx)?;
+    }
     let bound = Arc::new(OpenBound::of(problem, params, &problem.measured(&found.rows.best), problem.rows_without_quality()));
     OpenSelection::of(&scorer, &found.rows, (found.stopped_because, bound), ctx)
 }
