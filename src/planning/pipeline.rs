@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use super::adjust;
+use super::advice::better_grades::{self, BetterGrades};
 use super::advice::{self, AdviceScope, Basis};
 use super::candidates::{Candidate, CandidateSet};
 use super::certificate::{self, SetupViews};
@@ -264,11 +265,13 @@ impl<'a> Stages<'a> {
     fn finish(&self, problem: ViewPlanningProblem<'a>, views: OrderedViews<'a>) -> Result<Outcome, PlanError> {
         let (chosen, open) = (views.chosen.candidates.len(), Arc::clone(&views.chosen.selection.bound));
         let is_chosen_as_planned = !problem.tolerates_errors();
+        let graded = (&views.chosen, &views.ordered[..]);
+        let better_grades = better_grades::choose(&problem, graded, &views.excluded, self.ctx)?;
         let explained = || {
             let part_alone = || self.sampled.part_alone(self.input, self.setups, self.ctx);
             let (shortened, part) = rayon::join(|| self.shorten(problem, views), part_alone);
             let ((views, problem), part) = (shortened?, part?);
-            let mut outcome = self.missed(problem, views, &part)?;
+            let mut outcome = self.missed(problem, views, (&part, better_grades.as_ref()))?;
             let certificate = self.certificate(&outcome, &part)?;
             add_certificate(&mut outcome.plan.coverage, certificate);
             Ok::<_, PlanError>(outcome)
@@ -285,7 +288,7 @@ impl<'a> Stages<'a> {
         &self,
         problem: ViewPlanningProblem<'_>,
         views: OrderedViews<'_>,
-        part: &Arc<RayScene>,
+        (part, better_grades): (&Arc<RayScene>, Option<&BetterGrades>),
     ) -> Result<Outcome, PlanError> {
         let Self { input, sampled, setups, demand, ctx } = *self;
         ctx.stage(Stage::Missed, || {
@@ -299,7 +302,8 @@ impl<'a> Stages<'a> {
             let basis = Basis::of(&problem, &chosen, &ordered, &excluded, ctx)?;
             let mut outcome = outcome::assemble(problem, &chosen, ordered, &excluded, &surroundings, ctx)?;
             if let Some(basis) = basis {
-                outcome.plan.advice = advice::of(&basis, &outcome, &AdviceScope { input, sampled, setups, part }, ctx)?;
+                outcome.plan.advice =
+                    advice::of((&basis, better_grades), &outcome, &AdviceScope { input, sampled, setups, part }, ctx)?;
             }
             if sampled.params.visibility.pixel_set {
                 count_by_pixels(&mut outcome, input, occluders, ctx)?;

@@ -59,6 +59,7 @@ fn taken(params: &PlanParams, advice: &PlanAdvice) -> PlanParams {
             ParamChange::Registration(registration) => params.registration = *registration,
             ParamChange::Target(target) => params.selection.target = *target,
             ParamChange::MaxViews(views) => params.selection.max_views = Some(*views),
+            ParamChange::MinGradeA(share) => params.selection.min_grade_a = Some(*share),
         }
     }
     params

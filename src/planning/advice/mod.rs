@@ -1,18 +1,20 @@
 //! Advice on a plan as a whole: parameters with which it would measure more, each tried on the model
-//! ([`crate::planning::method::causes`]).
+//! ([`crate::planning::method::causes`]); and one with which it would measure more at grade A (`better_grades.rs`).
 //!
-//! Views are chosen greedily for what the plan leaves open, its own views kept: among its candidates (`more_views.rs`), and in one
-//! more pose of the part among some of the candidates that a plan in that setup chooses from (`turn_over.rs`). Where a plan in one more
-//! setup would lie in other poses by itself, and measure more there, views are chosen for those, and those of the poses that it leaves
-//! are given up. A plan with the advised parameters has these candidates and more, and ends at its target, so what it measures is not
-//! below the target's share of what those measure. That holds as long as no limit of views ends it before: it chooses all its views anew,
-//! and by its own score. So a limit of as many views as were tried is advised only where views that are chosen like that measure as much;
-//! else the largest that there is.
+//! Views are chosen greedily for what the plan leaves open: among its candidates, its own views kept (`more_views.rs`), and in
+//! one more pose of the part among some of the candidates that a plan in that setup chooses from, with its own views or the
+//! fewest of them that do (`turn_over.rs`). Where a plan in one more setup would lie in other poses by itself, and measure more
+//! there, views are chosen for those, and those of the poses that it leaves are given up. A plan with the advised parameters has
+//! these candidates and more, and ends at its target, so what it measures is not below the target's share of what those measure.
+//! That holds as long as no limit of views ends it before: it chooses all its views anew, and by its own score. So a limit of as
+//! many views as were tried is advised only where views that are chosen like that measure as much; else the largest that there
+//! is.
 //!
 //! With the best coverage as goal a plan has no target, and takes as many views as its limit lets it. The limit stays then, and
-//! as many are chosen anew, among the plan's own views and the candidates of the poses that are new. Where the limit ended the plan, no
-//! view is left to register setups by the surface that they share, so that markers are advised. With another goal a plan that its limit
-//! ended before its target gets more views in its own poses too.
+//! as many are chosen anew, among the plan's own views and the candidates of the poses that are new. Where the limit ended the
+//! plan, no view is left to register setups by the surface that they share, so that markers are advised; so they are where
+//! surface leads to nothing. With another goal a plan that its limit ended before its target gets more views in its own poses
+//! too.
 //!
 //! Another setup is tried on some of the samples, and what is told of the views that were chosen for it is what they measure of all
 //! of them. The plan's own views may be given up there too, where the fewest of all measure as much: a plan that chooses for all setups at
@@ -25,6 +27,7 @@
 //! for what is open; the same for each pose where the part is laid anew, and again for a second and a third choice of poses where the
 //! one before leads to nothing or falls clearly short. Nothing where less is open than advice is given for.
 
+pub(super) mod better_grades;
 mod more_views;
 mod trial;
 mod turn_over;
@@ -46,6 +49,7 @@ use super::stations::Station;
 use super::visibility::{Row, SampleSet};
 use crate::cell::{Cell, Configuration};
 use crate::geometry::{Part, Pose, RayScene, Table};
+use better_grades::BetterGrades;
 use more_views::MoreViews;
 
 /// Share of the asked area that advice recovers at least, unless it makes a region meet its target: our choice.
@@ -196,12 +200,12 @@ fn within(samples: &SampleSet, some: &[(SampleId, f64)]) -> SampleSet {
     within
 }
 
-/// Advice on a plan, what measures most first.
+/// Advice on a plan, what measures most first, better grades last.
 ///
 /// # Errors
 /// [`PlanError`].
 pub(super) fn of(
-    basis: &Basis,
+    (basis, better_grades): (&Basis, Option<&BetterGrades>),
     outcome: &Outcome,
     scope: &AdviceScope<'_>,
     ctx: &Context<'_>,
@@ -211,6 +215,7 @@ pub(super) fn of(
     let mut advice: Vec<PlanAdvice> = turn_over.into_iter().chain(more_views).collect();
     // Stable: of equal ones the order above stays.
     advice.sort_by(|a, b| b.measured_area_mm2.total_cmp(&a.measured_area_mm2));
+    advice.extend(better_grades.map(|better| better.advice(basis, outcome, scope.input.cell)));
     Ok(advice)
 }
 

@@ -111,7 +111,7 @@ fn measured_anew(
 
 /// Time that the moves take longer with some more views, each put between two where that takes least; moves are straight, so that
 /// detours are not counted. 0 without a cell.
-fn insertion_secs(problem: &ViewPlanningProblem<'_>, ordered: &[Ordered], picks: &[CandidateIndex]) -> f64 {
+pub(super) fn insertion_secs(problem: &ViewPlanningProblem<'_>, ordered: &[Ordered], picks: &[CandidateIndex]) -> f64 {
     let Some(cell) = problem.input.cell else { return 0.0 };
     let (axes, motion) = (cell.axes(), &problem.params.motion);
     let secs = |a: &Configuration, b: &Configuration| straight_secs(&axes, a, b, motion);
@@ -190,6 +190,7 @@ impl MoreViews {
             added_views: self.added,
             views,
             measured_area_mm2: self.measured_mm2.max(basis.measured_mm2()),
+            grade_a_area_mm2: None,
             visible_area_mm2: plan.coverage.visible_area_mm2,
             cycle_secs: cycle_secs(outcome, cell, |_| true, (self.added, self.moving_secs)),
             regions_met: Vec::new(),
@@ -248,6 +249,7 @@ mod tests {
             match change {
                 ParamChange::MaxViews(views) => params.selection.max_views = Some(*views),
                 ParamChange::Target(target) => params.selection.target = *target,
+                ParamChange::MinGradeA(share) => params.selection.min_grade_a = Some(*share),
                 ParamChange::Setups(_) | ParamChange::RestingPoses(_) | ParamChange::Registration(_) => panic!("{change:?}"),
             }
         }

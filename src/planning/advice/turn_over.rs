@@ -493,6 +493,7 @@ fn into_advice(
         added_views: views.saturating_sub(views_of(outcome)),
         views,
         measured_area_mm2: measured_mm2,
+        grade_a_area_mm2: None,
         visible_area_mm2: plan.coverage.visible_area_mm2 + freed_mm2(start, choice),
         cycle_secs: cycle_secs(outcome, scope.input.cell, |view| staying_views.contains(&view), (chosen_views, moving_secs)),
         regions_met,
@@ -626,6 +627,7 @@ mod tests {
             added_views: views,
             views,
             measured_area_mm2,
+            grade_a_area_mm2: None,
             visible_area_mm2: 1000.0,
             cycle_secs: None,
             regions_met: Vec::new(),
@@ -707,6 +709,7 @@ mod tests {
                 ParamChange::Registration(registration) => params.registration = *registration,
                 ParamChange::Target(target) => params.selection.target = *target,
                 ParamChange::MaxViews(views) => params.selection.max_views = Some(*views),
+                ParamChange::MinGradeA(share) => params.selection.min_grade_a = Some(*share),
             }
         }
         params.missed.advice = false;

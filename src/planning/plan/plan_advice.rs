@@ -12,6 +12,8 @@ closed_list! {
         TurnOver = "turn_over",
         /// Choose more views of those that were considered.
         MoreViews = "more_views",
+        /// Take a further view for more area at grade A.
+        BetterGrades = "better_grades",
     }
 }
 
@@ -28,6 +30,8 @@ pub enum ParamChange {
     Target(f64),
     /// `selection.max_views`.
     MaxViews(u32),
+    /// `selection.min_grade_a`.
+    MinGradeA(f64),
 }
 
 /// A setup of a plan that is advised.
@@ -59,6 +63,8 @@ pub struct PlanAdvice {
     /// Asked area that a plan with these parameters measures at least, if it meets its target; on the samples that views are chosen
     /// on.
     pub measured_area_mm2: f64,
+    /// Asked area at grade A of a plan with these parameters at least, on the samples that views are chosen on; of advice for better grades alone.
+    pub grade_a_area_mm2: Option<f64>,
     /// Visible area of that plan.
     pub visible_area_mm2: f64,
     /// Cycle time with these views, turning the part over not counted; present with a cell.

@@ -99,7 +99,7 @@ fn advice(input: &ReportInput<'_>) -> String {
     let is_kept = keeps_unstable_pose(adds_setup, input.warnings);
     let kept = if is_kept { format!("<p>{}.</p>\n", words::capitalised(UNSTABLE_POSE_KEPT)) } else { String::new() };
     format!(
-        "<h3>What would measure more</h3>\n<p>Changes to the whole plan, each simulated with usable views. \
+        "<h3>What would measure more, or better</h3>\n<p>Changes to the whole plan, each simulated with usable views. \
          The coverage is estimated on the low side, since a plan with these parameters chooses its views anew; it may take less time \
          or more.</p>\n<ul class=\"card list\">\n{items}</ul>\n{kept}"
     )

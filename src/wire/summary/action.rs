@@ -6,13 +6,13 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use utoipa::ToSchema;
 
-use super::missed::{MissedGroup, fixes, raised_target, rounded};
+use super::missed::{MissedGroup, VIEW_LIMIT, fixes, raised_target, rounded};
 use super::verdict::{PlanVerdict, fragile_loss, shortest};
 use crate::cell::PoseSpec;
 use crate::geometry::{Part, Pose, Table};
 use crate::planning::UpAxis;
 use crate::planning::params::RobustParams;
-use crate::planning::plan::{Plan, RegionCoverage, RemedyKind, share};
+use crate::planning::plan::{AdviceKind, Plan, RegionCoverage, RemedyKind, share};
 use crate::wire::plan::{AdviceDocument, RobustDocument, options};
 use crate::wire::words::{counted, fixed, limits_mm, listed, of_asked_phrase, percents_apart, pose_error_sizes, rounded_up_mm};
 
@@ -69,7 +69,9 @@ pub(super) fn best(plan: &Plan, verdict: PlanVerdict, cycle_secs: Option<f64>) -
     if let Some(coarser) = within_noise(plan) {
         return Some(coarser);
     }
-    let advised = AdviceDocument::all_of(plan).into_iter().next().map(|advice| advised(plan, &advice, cycle_secs));
+    // Better grades add no measured area.
+    let adds_area = |advice: &AdviceDocument| advice.kind != AdviceKind::BetterGrades.as_str();
+    let advised = AdviceDocument::all_of(plan).into_iter().find(adds_area).map(|advice| advised(plan, &advice, cycle_secs));
     let fixed = || {
         // Of two that recover the same area, the one that mends its spots whole.
         let by_area =
@@ -267,6 +269,10 @@ fn advised(plan: &Plan, advice: &AdviceDocument, cycle_secs: Option<f64>) -> Sum
 
 fn fixed_group(plan: &Plan, group: &MissedGroup) -> SummaryAction {
     let from_of_asked = plan.coverage.of_asked();
+    // A limit of views that the command does not raise holds for its plan too.
+    let limit = plan.params.selection.max_views.filter(|_| !group.set.contains_key(VIEW_LIMIT));
+    let left = limit.map_or(usize::MAX, |limit| (limit as usize).saturating_sub(plan.views.len()));
+    let added_views = group.added_views.min(left);
     let mut action = SummaryAction {
         text: String::new(),
         command: group.command(),
@@ -274,12 +280,15 @@ fn fixed_group(plan: &Plan, group: &MissedGroup) -> SummaryAction {
         from_of_asked,
         // No more than is missing: sums over spots are not exact to the last bit.
         to_of_asked: (from_of_asked + share(group.recovers_mm2, plan.coverage.asked_area_mm2)).min(1.0),
-        added_views: group.added_views,
+        added_views,
         added_cycle_secs: None,
     };
     // Every other fix says how many views it adds.
     let is_setup = group.fix == Some(RemedyKind::Setup);
-    let views = is_setup.then(|| format!("up to +{}", counted(group.added_views, "view")));
+    let views = is_setup.then(|| match added_views {
+        0 => "no more views".to_owned(),
+        added => format!("up to +{}", counted(added, "view")),
+    });
     action.text = action.sentence(&group.fix_text, views, plan.coverage.is_of_open);
     action
 }

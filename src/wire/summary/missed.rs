@@ -30,7 +30,7 @@ const LIES: &str = "part.table_from_part";
 const MAX_POSES: usize = 2;
 /// Parameters that end the choice of views.
 const TARGET: &str = "selection.target";
-const VIEW_LIMIT: &str = "selection.max_views";
+pub(super) const VIEW_LIMIT: &str = "selection.max_views";
 const GROWTH: &str = "selection.min_growth";
 /// Parameters that limit the angle of incidence.
 const CAMERA_LIMIT: &str = "limits.camera_deg";
@@ -308,7 +308,8 @@ fn fix_text(fix: &Fix, remedies: &[&Remedy], views: usize) -> String {
         RemedyKind::Tilt => format!("{more}, tilted"),
         RemedyKind::Standoff => format!("{more} from another distance"),
         RemedyKind::Setup => format!("{} and scan again", fix.turn.as_deref().unwrap_or("turn it onto another side")),
-        RemedyKind::Limit => format!("{more} with larger limits of incidence"),
+        // A plan with them chooses its views anew, mostly fewer that look at more of the part at a flat angle.
+        RemedyKind::Limit => format!("{more} with larger limits of incidence, which lowers grades of the whole part"),
         RemedyKind::None => none_found(remedies.iter().map(|remedy| remedy.tried).max().unwrap_or_default()),
     }
 }

@@ -684,7 +684,7 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
     assert_eq!(fixed(0.75, RemedyKind::Setup, &[4], &of_open), partly, "further views take no parameters of a plan");
     assert_eq!(
         fixed(1.0, RemedyKind::Limit, &[4], &as_it_is),
-        "1 more view with larger limits of incidence: --set limits.camera_deg=60.0; recovers 10.0 mm² (100 %)"
+        "1 more view with larger limits of incidence, which lowers grades of the whole part: --set limits.camera_deg=60.0; recovers 10.0 mm² (100 %)"
     );
     assert_eq!(
         fixed(1.0, RemedyKind::Tilt, &[4], &as_it_is),
@@ -759,7 +759,7 @@ fn a_fix_comes_with_every_rule_that_ends_the_choice_before_its_views() {
     );
     assert_eq!(
         fixed(792.0, RemedyKind::Limit, &as_it_is),
-        "1 more view with larger limits of incidence: --set selection.target=0.99 --set limits.camera_deg=60.0"
+        "1 more view with larger limits of incidence, which lowers grades of the whole part: --set selection.target=0.99 --set limits.camera_deg=60.0"
     );
     let limited = |plan: &mut Plan| plan.params.selection.max_views = Some(3);
     assert_eq!(
@@ -846,6 +846,7 @@ fn advice() -> PlanAdvice {
         added_views: 2,
         views: 5,
         measured_area_mm2: 979.0,
+        grade_a_area_mm2: None,
         visible_area_mm2: 1000.0,
         cycle_secs: None,
         regions_met: vec!["bore".to_owned()],
@@ -1203,6 +1204,8 @@ fn turns_in_the_same_words_into_several_poses_are_several_fixes() {
     assert_eq!((effect.as_str(), set.len()), ("70.0 → 72.0 % of the open area, up to +1 view", 0));
     let (effect, set) = told(&|plan: &mut Plan| plan.params.part.fixture_mesh = Some("clamp.stl".to_owned()));
     assert_eq!((effect.as_str(), set.len()), ("70.0 → 72.0 % of asked, up to +1 view", 0));
+    let (effect, _) = told(&|plan: &mut Plan| plan.params.selection.max_views = Some(plan.views.len() as u32));
+    assert_eq!(effect, "70.0 → 72.0 % of asked, no more views", "the limit holds for that plan too");
 }
 
 /// The options of the advice were told of a spot that another pose shows, into which the part is turned in the same words.
