@@ -336,7 +336,8 @@ params! {
         /// Area of which the target is a share: `coverable`, the asked area that at least one kept candidate measures; `asked`,
         /// all faces outside excluded regions; or `total`, the whole surface.
         target_of: TargetOf = TargetOf::Coverable;
-        /// Minimum share of the asked area that a view must add; selection stops when no further view does.
+        /// Minimum share of the asked area that a view must add; selection stops when no further view does. `local` and
+        /// `certified` keep views that add less where a floor under grades (`max_grade_loss`, `min_grade_a`) needs them.
         min_growth: f64 = 0.0001, [0.0, 1.0] "";
         /// Maximum number of views. Default: no limit.
         max_views: Option<u32> = None, [1.0, 1000.0] "views";

@@ -87,8 +87,8 @@ impl Aim {
     }
 }
 
-/// Angles by which views are turned that are looked for beside others: a third and two thirds of the distance between
-/// even directions around a part of one block, about.
+/// Angles by which views are turned that are looked for beside others: about a third and two thirds of the distance between even
+/// directions all around a part of one block (16° to 17°). Over the cap above the plate these are 11° to 12° apart.
 pub(super) const BESIDE_RAD: [f64; 2] = [6.0_f64.to_radians(), 12.0_f64.to_radians()];
 
 /// Aims beside a view: turned to its four sides about the point at F ahead, with its own baseline.

@@ -1,6 +1,6 @@
-//! Random re-sampling around the best views so far (Mohammadikaji et al.: thesis §2.2), nearer with every round: direction,
-//! place and roll of a view are drawn around those of one of the best. While there are none, directions are drawn over
-//! the sphere around each block.
+//! Random re-sampling around the best views so far (Mohammadikaji et al.: thesis §2.2), nearer with every round: direction and
+//! place of a view are drawn around those of one of the best, its roll over the whole turn. While there are none, directions are
+//! drawn over the sphere around each block.
 
 use std::f64::consts::{FRAC_PI_6, PI};
 

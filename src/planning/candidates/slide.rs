@@ -6,8 +6,9 @@
 //! along the axis hardly changes what hides what; the better of the two ends is taken. A viewpoint that sees nothing of its block puts the
 //! first surface on the axis at F, and where it measures nothing from there, it slides by a few samples of every block.
 //!
-//! Cost: at most 6 rays and [`STEPS`] projections for each of [`MAX_SAMPLES`] samples a viewpoint: about 0.1 ms; for one that sees nothing of
-//! its block, for [`SAMPLES_AROUND`] of each block.
+//! Cost: at most 6 rays and [`STEPS`] + 2 · [`HALVINGS`] + 2 projections for each of [`MAX_SAMPLES`] samples a viewpoint: about
+//! 0.1 ms; twice that where the slide from the first surface fails and another begins on the ellipsoid. For a viewpoint that sees
+//! nothing of its block, up to 9 rays for each of [`SAMPLES_AROUND`] samples of every block come on top.
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
@@ -65,9 +66,9 @@ impl<'a> Slide<'a> {
         Self { scope, level, standoff: params.standoff, blocks, part: some(&asked, MAX_SAMPLES), around }
     }
 
-    /// Slides a viewpoint of a block, or of the whole part, from `position_mm` to where it comes to rest; table frame. One that sees
-    /// nothing of its block puts the first surface on the axis at F, or, where it measures nothing from there, slides by all blocks. It
-    /// stays when nothing lies on the axis.
+    /// Slides a viewpoint of a block, or of the whole part, from `position_mm` to where it comes to rest; table frame. One that
+    /// sees nothing of its block puts the first surface on the axis at F, or, where it measures nothing from there, slides by all
+    /// blocks. It stays when it sees nothing of its block and nothing lies on the axis.
     pub(super) fn along_axis(&self, position_mm: Point3<f64>, orientation: &UnitQuaternion<f64>, by: SlidesBy) -> Point3<f64> {
         let samples = match by {
             SlidesBy::None => return position_mm,

@@ -1,9 +1,9 @@
 //! Viewpoints for what is still uncovered, each solved from the opening above one open sample.
 //!
-//! The sky of a sample are the directions from it in which nothing lies within the working depth. Of these the ones
-//! remain, with a roll, for which the lines to all three optical centres are clear and within the incidence limits: a cone.
-//! The axis is the one in it that is nearest the middle of the sky, and of its rolls the one is taken whose baseline lies
-//! along the widest opening. The sample comes to lie at F on the axis, which is not slid.
+//! The sky of a sample are the directions from it in which nothing lies within the working depth. Of these the ones remain, with
+//! a roll, for which the lines to all three optical centres are clear and within the job's limits of incidence: a cone. The axis
+//! is the one in it that is nearest the middle of the sky, and of its rolls the one is taken whose baseline lies along the widest
+//! opening. The sample comes to lie at F on the axis, which is not slid.
 //!
 //! Part frame, mm. Cost: about a thousand rays a sample looked at.
 
@@ -45,7 +45,7 @@ pub struct OpenSamples<'a> {
     pub samples: &'a [SampleId],
     /// Surfaces that may lie between, part frame.
     pub occluders: &'a RayScene,
-    /// Largest incidence at each device.
+    /// Largest incidence at each device, of the job: limits of regions do not count here.
     pub incidence_max_rad: PerDevice<f64>,
 }
 

@@ -10,7 +10,7 @@ use crate::cell::Findings;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
-    /// The defaults: the fewest views that reach the target, then the best choice of that many.
+    /// The defaults: the fewest views that reach the target and keep the grades, then the best choice of that many.
     #[default]
     Vantage,
     /// The thesis's method: greedy selection with a = b = 0.5 among the 54 candidates per block of Algorithm 1, whose distance is

@@ -2,7 +2,7 @@
 //!
 //! A jump is looked for on a ring around the sample: eight rays from the device, as many pixels off as the margin. It is between
 //! the sample and a ray that hits nothing, or that hits a surface so much nearer or farther that no surface a device may still
-//! measure joins the two. Cost: at most 24 rays a sample, in packets.
+//! measure, by the job's limits of incidence, joins the two. Cost: at most 24 rays a sample, in packets.
 
 use std::f64::consts::TAU;
 

@@ -145,9 +145,9 @@ impl<'a> PlanningScene<'a> {
         &self.sight
     }
 
-    /// Keeps of a view's stations those at which obstacles hide nothing that it measures; where there are none, looks for some at
-    /// the other table angles; where there are none either, keeps those at which least is hidden and takes that out of `row`.
-    /// Returns what it took out. A view measures what its row says from every station that is kept.
+    /// Keeps a view's stations where obstacles hide nothing that it measures at any of them. Else replaces them by stations
+    /// solved anew at all table angles at which nothing is hidden; where there are none, keeps those at which least is hidden and
+    /// takes that out of `row`. Returns what it took out. A view measures what its row says from every station that is kept.
     pub(super) fn keep_in_sight(
         &self,
         surface: &Surface,

@@ -101,7 +101,7 @@ fn quality_falls_over_the_depth_that_the_devices_leave() {
 /// Remedies are tried by points whose rays go in packets; the plan's own misses come from the engine.
 #[test]
 fn points_measured_in_packets_fail_at_the_step_that_the_engine_of_single_rays_gives() {
-    let mesh = demo_parts::base(2_000).unwrap_or_else(|error| panic!("{error}"));
+    let mesh = demo_parts::base(8_000).unwrap_or_else(|error| panic!("{error}"));
     let (surface, scanner, flag) = (sampled(&mesh, 1.0), nominal_scanner(), AtomicBool::new(false));
     let (scene, ctx, mut params) = (Occluders::new([&mesh]), Context::new(&flag, &Silent), PlanParams::default());
     params.visibility.engine = Engine::Rays;

@@ -10,7 +10,7 @@
 //! lens's distortion enters with the frame alone, which is tested before: rays are straight lines in the undistorted image.
 //!
 //! Cost a view: O(samples + triangles that face a device + pixels of the part). Memory: 18 bytes a triangle for the
-//! clusters (45 at most), 29 bytes a sample, and for each thread 16 KiB a tile of one device (48 MB at 12 megapixels) and
+//! clusters (45 at most), 31 bytes a sample, and for each thread 16 KiB a tile of one device (48 MB at 12 megapixels) and
 //! 6 bytes a sample.
 
 mod clusters;

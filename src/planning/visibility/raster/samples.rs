@@ -1,5 +1,6 @@
-//! The samples in clusters of 64 neighbours, in the order of the rays' tree and among near ones by side, with what culls a cluster whole. Offsets
-//! from the part's centre and normals are whole f32 already, so nothing is lost here. Memory: 30 bytes a sample.
+//! The samples in clusters of 64 neighbours, in the order of the rays' tree and among near ones by side, with what culls a
+//! cluster whole. Offsets from the part's centre and normals are whole f32 already, so nothing is lost here. Memory: 31 bytes a
+//! sample.
 
 use std::ops::Range;
 
