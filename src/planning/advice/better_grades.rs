@@ -25,7 +25,7 @@ const SHARE_STEPS: f64 = 1e3;
 pub(in crate::planning) struct BetterGrades {
     /// Share of the asked area at grade A that asks for it.
     min_grade_a: f64,
-    /// That share as an area.
+    /// Area of that share.
     grade_a_mm2: f64,
     /// Time of the moves to it, put between two views where it takes least.
     moving_secs: f64,

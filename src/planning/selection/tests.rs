@@ -197,8 +197,8 @@ proptest! {
 }
 
 proptest! {
-    /// Of exchanged views the rule of greedy's was told: of a figurine a view was left that would have added 3.4 % of the asked area, where
-    /// "the next best view would add less than 3 %" was said.
+    /// Exchanged views kept the stop reason of greedy's: a plan said that "the next best view would add less than 3 %", and a candidate was
+    /// left that would have added 3.4 % of the asked area.
     #[test]
     fn exchanged_views_that_growth_ended_leave_no_view_that_adds_as_much(
         runs in proptest::collection::vec((0_u32..300, 1_u32..120, 1_usize..3, 0_i8..=4), 1..40),

@@ -68,7 +68,8 @@ pub struct MissedGroup {
     pub recovers_mm2: f64,
     /// Upper bound on the number of views that the fix adds: one or more for each spot, although one view often does for several.
     pub added_views: usize,
-    /// Parameters that apply the fix, by their dotted names; empty if no parameter of this plan does.
+    /// Parameters that apply the fix, by their dotted names; empty if no parameter of this plan does. With `selection.target` a plan
+    /// measures as much more area, in these spots or elsewhere.
     pub set: BTreeMap<String, Value>,
     /// Group in one sentence, with the options that set the parameters.
     pub text: String,
@@ -270,7 +271,7 @@ impl MissedGroup {
         let [partial, recovers] = match (self.fix, &self.partial_text) {
             (Some(RemedyKind::None) | None, _) => [String::new(), String::new()],
             (Some(_), Some(partial)) => [format!("{partial}: "), String::new()],
-            (Some(_), None) => [String::new(), format!("; recovers {}", self.recovers())],
+            (Some(_), None) => [String::new(), format!("; recovers {}{}", self.recovers(), self.elsewhere())],
         };
         format!(
             "{}, {} {}, {}: {partial}{}{command}{recovers}",
@@ -280,6 +281,12 @@ impl MissedGroup {
             cause_phrase(self.reason),
             self.fix_text
         )
+    }
+
+    /// Remark on a fix that a higher target asks for: a plan meets it by whatever surface is easiest to measure.
+    fn elsewhere(&self) -> &'static str {
+        let target = self.set.get(TARGET).and_then(Value::as_f64);
+        if target.is_some_and(|target| target < 1.0) { ", there or elsewhere" } else { "" }
     }
 
     /// Options of the command line that ask for the fix; `None` if no parameter does.
