@@ -482,6 +482,11 @@ fn check_advice(document: &PlanDocument, findings: &mut Findings) {
         one_of(format!("{at}/kind"), &advice.kind, &AdviceKind::ALL.map(AdviceKind::as_str), findings);
         share(format!("{at}/of_asked"), advice.of_asked, findings);
         share(format!("{at}/of_visible"), advice.of_visible, findings);
+        let is_for_grades = advice.kind == AdviceKind::BetterGrades.as_str();
+        findings.require(advice.grade_a_of_asked.is_some() == is_for_grades, format!("{at}/grade_a_of_asked"), || {
+            format!("belongs to kind better_grades, and to no other; kind is {:?}", advice.kind)
+        });
+        advice.grade_a_of_asked.into_iter().for_each(|of_asked| share(format!("{at}/grade_a_of_asked"), of_asked, findings));
     }
 }
 

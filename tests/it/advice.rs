@@ -197,10 +197,11 @@ fn nothing_is_advised_where_nothing_helps_or_none_is_asked_for() {
     params.regions.exclude = vec![Region::Faces { faces: vec![0, 1] }];
     let plan = plan_viewpoints(&block, &nominal_scanner(), &params).plan;
     assert!(plan.coverage.of_asked() < 0.9, "the cavity is missed: {}", plan.coverage.of_asked());
-    assert_eq!(plan.advice, []);
+    let for_coverage = |plan: &Plan| plan.advice.iter().filter(|advice| advice.kind != AdviceKind::BetterGrades).count();
+    assert_eq!(for_coverage(&plan), 0, "{:?}", plan.advice);
     // With the underside asked for there is advice, unless it is turned off.
     params.regions.exclude.clear();
-    assert_eq!(plan_viewpoints(&block, &nominal_scanner(), &params).plan.advice.len(), 1);
+    assert_eq!(for_coverage(&plan_viewpoints(&block, &nominal_scanner(), &params).plan), 1);
     params.missed.advice = false;
     assert_eq!(plan_viewpoints(&block, &nominal_scanner(), &params).plan.advice, []);
 }

@@ -150,6 +150,7 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
         session.end = ProgramEnd::NotAsked;
         session.done(&RmiRequest::Initialize { group_mask }).await?;
         (session.next_sequence, session.under_way, session.failure) = (1, None, None);
+        session.is_taken_up = false;
         self.is_armed = true;
         Ok(())
     }
@@ -197,6 +198,7 @@ impl<const N: usize> MotionDevice<N> for FanucArm<N> {
         self.has_program = self.may_have_program();
         (self.session, self.is_checked) = (None, false);
         self.open(ANSWER_TIMEOUT).await?;
+        self.session()?.is_taken_up = true;
         self.stop_once(sent_at).await
     }
 
@@ -240,6 +242,8 @@ struct Session {
     next_sequence: u32,
     /// Instruction that was sent and not carried out yet.
     under_way: Option<u32>,
+    /// Set where it was opened in place of one that broke, whose move may be carried out as long as the program runs.
+    is_taken_up: bool,
     /// Error of an instruction, or a fault that the controller told by itself.
     failure: Option<i64>,
     /// End of the program, since it was armed.
@@ -255,6 +259,7 @@ impl Session {
             extended_deg: [None; 3],
             next_sequence: 1,
             under_way: None,
+            is_taken_up: false,
             failure: None,
             end: ProgramEnd::NotAsked,
         }
@@ -400,7 +405,7 @@ impl Session {
         Condition {
             powered: status.servo_ready,
             brakes_open: status.servo_ready,
-            moving: self.under_way.is_some() && status.program == RmiProgram::Running,
+            moving: (self.under_way.is_some() || self.is_taken_up) && status.program == RmiProgram::Running,
             in_position: self.under_way.is_none(),
             emergency_stop: fault.is_some_and(RmiFault::is_emergency_stop),
             guard_open: fault.is_some_and(RmiFault::is_guard),

@@ -1,9 +1,11 @@
 //! Alignments of the measured surface to the model: a motion of the part that makes the squares of the samples' distances, weighted by
 //! area, least. Small motions change a distance by j·δ, j = (p × n, n); the comparison is made again at the new pose, thrice.
 //!
-//! A fit to the whole surface leaves out samples beyond three times the root mean square of the distances, until none is beyond that of the
-//! others (sigma clipping: at most a ninth of the area at a time, by Chebyshev's inequality; of normal noise, 0.3 %). A lump of 100 mm² and
-//! 3 mm turned a box of 80 × 60 mm by a tenth of a degree otherwise, and material was missing beside it.
+//! After its first round a fit to the whole surface leaves out samples beyond three times the root mean square of the distances, until none
+//! is beyond that of the others (sigma clipping: at most a ninth of the area at a time, by Chebyshev's inequality; of normal noise, 0.3 %).
+//! A lump of 100 mm² and 3 mm turned a box of 80 × 60 mm by a tenth of a degree otherwise, and material was missing beside it. The first
+//! round takes all: a part that is off along its largest faces would lose the few samples that tell it. All are taken too where the others
+//! fix fewer freedoms.
 //!
 //! The motion is as uncertain as the samples that it is from, at u = U/2 each and independent of each other: with N = Σ a j jᵀ its
 //! covariance is C = N⁺ (Σ (a u)² j jᵀ) N⁺, and the U² of each sample grows by 4 jᵀ C j. Far from a small region that counts. What samples
@@ -165,10 +167,13 @@ pub fn best_fit(
     let (mut pose, mut moved) = (Isometry3::identity(), scans.to_vec());
     let mut deviation = compare(scans, nominal, options);
     let mut fixed_freedoms = 0;
-    let kept =
-        |deviation: &Deviation| if region.is_some() { fitted.to_vec() } else { without_outliers(deviation, nominal, fitted) };
-    for _ in 0..ROUNDS {
-        let (step, fixed) = Fit::of(&deviation, nominal, &kept(&deviation)).step();
+    let kept = |deviation: &Deviation| match region {
+        Some(region) => region.to_vec(),
+        None => without_outliers(deviation, nominal, fitted),
+    };
+    for round in 0..ROUNDS {
+        let taken = if round == 0 { fitted.to_vec() } else { kept(&deviation) };
+        let (step, fixed) = Fit::of(&deviation, nominal, &taken).step();
         fixed_freedoms = fixed;
         pose = exp(&step) * pose;
         moved = scans.iter().map(|placed| placed.moved(&Pose::claim(pose))).collect();
@@ -185,7 +190,8 @@ pub fn best_fit(
     Aligned { alignment, mesh_from_placed: Pose::claim(pose), fixed_freedoms, deviation, poses }
 }
 
-/// Measured samples whose distances are at most [`MAX_OF_RMS`] times the root mean square of theirs, weighted by area.
+/// Samples whose distances are at most [`MAX_OF_RMS`] times the root mean square of theirs, weighted by area; all of them where those fix
+/// fewer freedoms.
 fn without_outliers(deviation: &Deviation, nominal: &Nominal<'_>, samples: &[SampleId]) -> Vec<SampleId> {
     let distance_mm = |sample: &SampleId| f64::from(deviation.samples[sample.index()].distance_mm);
     let is_measured = |sample: &SampleId| deviation.samples[sample.index()].points > 0;
@@ -200,9 +206,11 @@ fn without_outliers(deviation: &Deviation, nominal: &Nominal<'_>, samples: &[Sam
         let (before, max_mm) = (kept.len(), MAX_OF_RMS * (moment / area_mm2).sqrt());
         kept.retain(|sample| distance_mm(sample).abs() <= max_mm);
         if kept.len() == before {
-            return kept;
+            break;
         }
     }
+    let fixed = |samples: &[SampleId]| Fit::of(deviation, nominal, samples).inverse().fixed;
+    if fixed(&kept) < fixed(samples) { samples.to_vec() } else { kept }
 }
 
 /// Frame of a motion of the part: rotations are about the middle of the part, measured in steps that move points as far as shifts do.

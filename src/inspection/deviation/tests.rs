@@ -761,6 +761,23 @@ fn a_lump_does_not_move_the_part_that_is_fitted_around_it() {
     assert!(told[0] > 0.9 && (told[0] - told[1]).abs() < 0.01, "the lump is told in full: {told:?}");
 }
 
+/// The narrow faces of a plate alone tell where it lies along itself: all of them are beyond three root mean squares at first.
+#[test]
+fn a_plate_that_is_off_along_itself_is_fitted_by_its_narrow_faces() {
+    let model = Model::of(box_mesh([-40.0, -30.0, 0.0], [40.0, 30.0, 3.0]), 0.5);
+    let shots = Shots::of(&model.mesh, 12);
+    let off = Isometry3::translation(0.1, 0.05, 0.0);
+    let scans = shots.scans(&shots.poses(8), 0.005, |_| Isometry3::identity());
+    let moved: Vec<ViewScan> = scans
+        .iter()
+        .map(|scan| ViewScan { part_from_scanner: Pose::claim(off * scan.part_from_scanner.isometry()), ..scan.clone() })
+        .collect();
+    let found = best_fit(&placed(&moved, 0.0), &model.nominal(), None, None, &DeviationOptions::default());
+    let left = found.mesh_from_placed.isometry() * off;
+    assert_eq!(found.fixed_freedoms, 6);
+    assert!(left.translation.vector.norm() < 0.03 && left.rotation.angle() < 3e-4, "{left}");
+}
+
 /// Freedom that a small region leaves to the place of the part was once in no uncertainty.
 #[test]
 fn an_alignment_by_a_small_region_is_told_by_the_uncertainty_far_from_it() {

@@ -25,8 +25,8 @@ const SHARE_STEPS: f64 = 1e3;
 pub(in crate::planning) struct BetterGrades {
     /// Share of the asked area at grade A that asks for it.
     min_grade_a: f64,
-    /// Area of that share.
-    grade_a_mm2: f64,
+    /// Area that the view adds at grade A.
+    gain_mm2: f64,
     /// Time of the moves to it, put between two views where it takes least.
     moving_secs: f64,
 }
@@ -42,10 +42,13 @@ pub(in crate::planning) fn choose(
     ctx: &Context<'_>,
 ) -> Result<Option<BetterGrades>, Cancelled> {
     let params = &problem.params.selection;
+    // Views that have no path are not mended by asking for more of them.
+    let has_paths = ordered.iter().all(|ordered| ordered.no_path.is_empty());
     let looks_for_fewest = params.goal == SelectionGoal::FewestViews && params.keeps_grades(&problem.params.score);
     let has_view_left = params.max_views.is_none_or(|limit| chosen.candidates.len() < limit as usize);
     let is_wanted = problem.params.missed.advice && !problem.tolerates_errors() && problem.params.realism.count_at_risk;
-    if !is_wanted || !looks_for_fewest || params.min_grade_a.is_some() || !has_view_left || problem.setups.len() > 1 {
+    if !is_wanted || !has_paths || !looks_for_fewest || params.min_grade_a.is_some() || !has_view_left || problem.setups.len() > 1
+    {
         return Ok(None);
     }
     let mut at_grade_a = SampleSet::none_of(problem.asked_area_mm2.len());
@@ -62,11 +65,13 @@ pub(in crate::planning) fn choose(
     // Of equal ones the first.
     let best = choosable.iter().zip(gains_mm2).reduce(|best, next| if next.1 > best.1 { next } else { best });
     let asked_mm2: f64 = problem.asked_area_mm2.iter().sum();
-    let Some((pick, gain_mm2)) = best.filter(|(_, gain_mm2)| *gain_mm2 >= MIN_GAIN * asked_mm2) else { return Ok(None) };
+    let Some((pick, gain_mm2)) = best.filter(|(_, gain_mm2)| *gain_mm2 >= MIN_GAIN.max(params.min_growth) * asked_mm2) else {
+        return Ok(None);
+    };
     let now_mm2: f64 = at_grade_a.iter().map(|sample| problem.asked_area_mm2[sample.index()]).sum();
     let min_grade_a = ((now_mm2 + gain_mm2) / asked_mm2 * SHARE_STEPS).floor() / SHARE_STEPS;
     let moving_secs = insertion_secs(problem, ordered, &[*pick]);
-    Ok(Some(BetterGrades { min_grade_a, grade_a_mm2: min_grade_a * asked_mm2, moving_secs }))
+    Ok(Some(BetterGrades { min_grade_a, gain_mm2, moving_secs }))
 }
 
 /// Samples that a view measures at grade A.
@@ -86,7 +91,7 @@ impl BetterGrades {
             added_views: 1,
             views: views_of(outcome) + 1,
             measured_area_mm2: basis.measured_mm2(),
-            grade_a_area_mm2: Some(self.grade_a_mm2),
+            grade_a_area_mm2: Some(outcome.plan.coverage.measured.grade_area_mm2[Grade::A as usize] + self.gain_mm2),
             visible_area_mm2: outcome.plan.coverage.visible_area_mm2,
             cycle_secs: cycle_secs(outcome, cell, |_| true, (1, self.moving_secs)),
             regions_met: Vec::new(),
@@ -132,7 +137,12 @@ mod tests {
         let [ParamChange::MinGradeA(share)] = advice.changes[..] else { panic!("{advice:?}") };
         assert_eq!((advice.added_views, advice.views), (1, before.views.len() + 1));
         let told = advice.grade_a_area_mm2.expect("an area") / before.coverage.asked_area_mm2;
-        assert!((told - share).abs() < 0.01 && share >= at_grade_a(&before) + MIN_GAIN - 0.01, "{advice:?}");
+        assert!(
+            (told - share).abs() < 0.01
+                && told >= at_grade_a(&before) + MIN_GAIN
+                && share >= at_grade_a(&before) + MIN_GAIN - 0.01,
+            "{advice:?}"
+        );
         let after = planned(|params| params.selection.min_grade_a = Some(share));
         // Views are slid once they are chosen.
         assert!(at_grade_a(&after) >= share - 0.005, "{} of {share}", at_grade_a(&after));
@@ -143,6 +153,8 @@ mod tests {
     #[test]
     fn better_grades_are_not_advised_without_a_view_left_nor_where_the_choice_keeps_no_grades() {
         let kinds = |change: fn(&mut PlanParams)| for_better_grades(&planned(change)).is_some();
+        assert!(kinds(|_| ()));
+        assert!(!kinds(|params| params.selection.min_growth = 0.2));
         assert!(!kinds(|params| params.selection.max_views = Some(2)));
         assert!(!kinds(|params| params.selection.solver = crate::planning::params::Solver::Greedy));
         assert!(!kinds(|params| params.missed.advice = false));

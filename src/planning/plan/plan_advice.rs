@@ -63,7 +63,8 @@ pub struct PlanAdvice {
     /// Asked area that a plan with these parameters measures at least, if it meets its target; on the samples that views are chosen
     /// on.
     pub measured_area_mm2: f64,
-    /// Asked area at grade A of a plan with these parameters at least, on the samples that views are chosen on; of advice for better grades alone.
+    /// Asked area at grade A with the added view, whose part is from the samples that views are chosen on; of advice for better grades
+    /// alone.
     pub grade_a_area_mm2: Option<f64>,
     /// Visible area of that plan.
     pub visible_area_mm2: f64,

@@ -35,7 +35,8 @@ pub(super) fn select(
     ctx: &Context<'_>,
 ) -> Result<OpenSelection, Cancelled> {
     let scorer = Scorer::new(problem, params, weights, ctx.simd_level());
-    let mut found = local::search(&scorer, params, (floor.map(|floor| &floor.start), None), ctx)?;
+    let start = floor.map(|floor| &floor.start);
+    let mut found = local::search(&scorer, params, (start, None), &mut Budget::of(params), ctx)?;
     let overlap = Overlap::new(problem, &params.overlap);
     let mut proof = Proof { problem, overlap: &overlap, left: u64::from(params.work_limit) * 1_000_000, ctx };
     let bound = if is_for_coverage(params) {
@@ -53,9 +54,14 @@ pub(super) fn select(
         &mut Budget { left: u64::MAX },
         ctx,
     )?;
-    // Fewer views that measure what all that may be chosen did: those that they save are there for more of the goals.
-    let is_limited = found.stopped_because == StopReason::MaxViews && !is_for_coverage(params);
-    let (views, stopped_because) = if is_limited && views.best.len() < max_views(params) {
+    // Fewer views that measure what all that may be chosen did: those that they save are there for more of the goals. Others may
+    // add enough to them, though none did to greedy's.
+    let may_go_on = match found.stopped_because {
+        StopReason::MaxViews => views.best.len() < max_views(params),
+        StopReason::Growth => true,
+        StopReason::Target | StopReason::NoGain | StopReason::NoPath | StopReason::RegionsUnmet => false,
+    };
+    let (views, stopped_because) = if may_go_on && !is_for_coverage(params) {
         let more = greedy::select_after(problem, params, weights, &views.best, ctx)?;
         (ScoredViews::only(more.rows()), more.stopped_because)
     } else {

@@ -74,14 +74,14 @@ pub(super) fn search(
     scorer: &Scorer<'_>,
     params: &SelectionParams,
     (start, grade_a): (Option<&Cover>, Option<usize>),
+    budget: &mut Budget,
     ctx: &Context<'_>,
 ) -> Result<LocalOptimum, Cancelled> {
     let problem = scorer.problem;
-    let mut budget = Budget::of(params);
-    let (found, goals) = fewest(scorer, params, start, &mut budget, ctx)?;
+    let (found, goals) = fewest(scorer, params, start, budget, ctx)?;
     let overlap = Overlap::new(problem, &params.overlap);
     let exchange = Exchange { problem, goals: &goals, overlap: &overlap };
-    let rows = best_scored(scorer, &exchange, (found.rows.best, grade_a), &mut budget, ctx)?;
+    let rows = best_scored(scorer, &exchange, (found.rows.best, grade_a), budget, ctx)?;
     Ok(LocalOptimum { rows, ..found })
 }
 

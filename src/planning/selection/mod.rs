@@ -149,6 +149,9 @@ pub(in crate::planning) struct Cover {
     stopped_because: StopReason,
 }
 
+/// Times that greedy goes on from exchanged views at most, where growth ended their choice: our choice.
+const MAX_CONTINUATIONS: usize = 4;
+
 /// Chooses views, of the number that a plan takes; a plan then looks for as many with more area at grade A.
 ///
 /// # Errors
@@ -201,14 +204,22 @@ fn fewest(
     }
     let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
     let from = (floor.map(|floor| &floor.start), floor.map(GradeFloor::goal_of_grade_a));
-    let mut found = local::search(&scorer, params, from, ctx)?;
-    // Others may add enough to exchanged views, though none did to greedy's. Each time more is measured, so that this ends.
-    while found.stopped_because == StopReason::Growth {
+    let mut budget = local::Budget::of(params);
+    let mut found = local::search(&scorer, params, from, &mut budget, ctx)?;
+    // Others may add enough to exchanged views, though none did to greedy's.
+    for _ in 0..MAX_CONTINUATIONS {
+        if found.stopped_because != StopReason::Growth {
+            break;
+        }
         let grown = greedy::select_after(problem, params, score, &found.rows.best, ctx)?;
         if grown.choices.len() == found.rows.best.len() {
             break;
         }
-        found = local::search(&scorer, params, (Some(&grown), from.1), ctx)?;
+        found = local::search(&scorer, params, (Some(&grown), from.1), &mut budget, ctx)?;
+    }
+    if found.stopped_because == StopReason::Growth {
+        // Views before a search for grades were not looked at.
+        found.rows.before_raise = None;
     }
     let bound = Arc::new(OpenBound::of(problem, params, &problem.measured(&found.rows.best), problem.rows_without_quality()));
     OpenSelection::of(&scorer, &found.rows, (found.stopped_because, bound), ctx)

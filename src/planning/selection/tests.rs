@@ -218,6 +218,7 @@ proptest! {
         chosen.choices.iter().for_each(|choice| measured.insert_all(rows[choice.row.index()].measured()));
         let adds = |row: &Row| row.samples().filter(|sample| !measured.holds(*sample)).count() as f64 / 300.0;
         if chosen.stopped_because == StopReason::Growth {
+            prop_assert!(chosen.before_raise.is_none());
             prop_assert!(rows.iter().all(|row| adds(row) < min_growth + 1e-9));
         }
     }

@@ -21,8 +21,9 @@ use crate::wire::run::{
 };
 
 /// Words of a run that an earlier process left open.
-const LEFT_OPEN: &str = "the server was restarted while the run was under way; start a new run from the step that was reached, once \
-                         arm and table are where that step begins";
+const LEFT_OPEN: &str = "the server was restarted while the run was under way; arm and table may still move: see that they stand \
+                         before anybody goes near them. Then start a new run from the step that was reached, once they are where \
+                         that step begins";
 
 impl App {
     /// Accepts a run and begins it.

@@ -148,10 +148,7 @@ impl AdviceDocument {
             cycle_secs: advice.cycle_secs,
             regions_met: advice.regions_met.clone(),
         };
-        document.text = match document.grade_a_of_asked {
-            Some(then) => document.grades_sentence(of_asked(coverage.measured.grade_area_mm2[Grade::A as usize]), then),
-            None => document.sentence(advice.kind, coverage.of_asked()),
-        };
+        document.text = document.sentence(advice.kind, coverage);
         document
     }
 
@@ -169,7 +166,7 @@ impl AdviceDocument {
         Some(laying + if needs_markers { ", with markers on the part to register its setups" } else { "" })
     }
 
-    fn sentence(&self, kind: AdviceKind, now_of_asked: f64) -> String {
+    fn sentence(&self, kind: AdviceKind, coverage: &Coverage) -> String {
         let more = self.more_views();
         let action = match kind {
             AdviceKind::TurnOver => {
@@ -177,9 +174,10 @@ impl AdviceDocument {
                 let about = if self.added_views == 0 { "" } else { "about " };
                 format!("{laying}, {about}{more}")
             }
-            AdviceKind::MoreViews | AdviceKind::BetterGrades => format!("choose {more}"),
+            AdviceKind::MoreViews => format!("choose {more}"),
+            AdviceKind::BetterGrades => return self.grades_sentence(coverage),
         };
-        let [now, then] = percents_apart([now_of_asked, self.of_asked]);
+        let [now, then] = percents_apart([coverage.of_asked(), self.of_asked]);
         format!(
             "{action} ({}): estimated {then} % of asked, now {now} %, and {} % of what is visible then, {}{}",
             self.settings(),
@@ -189,8 +187,9 @@ impl AdviceDocument {
         )
     }
 
-    fn grades_sentence(&self, now_of_asked: f64, then_of_asked: f64) -> String {
-        let [now, then] = percents_apart([now_of_asked, then_of_asked]);
+    fn grades_sentence(&self, coverage: &Coverage) -> String {
+        let now_of_asked = share(coverage.measured.grade_area_mm2[Grade::A as usize], coverage.asked_area_mm2);
+        let [now, then] = percents_apart([now_of_asked, self.grade_a_of_asked.unwrap_or(now_of_asked)]);
         format!(
             "for better grades choose {} ({}): estimated {then} % of asked at grade A, now {now} %, {}",
             self.more_views(),

@@ -162,10 +162,13 @@ async fn a_stop_is_not_acknowledged_while_a_program_runs_on_from_a_session_that_
         let stopped = arm.stop(&mut None).await;
         let is_told = matches!(&stopped, Err(DeviceError::Refused { code: 2_556_937, text }) if text.contains("runs on"));
         assert!(is_told, "{stopped:?}");
+        // A slow axis seems to stand between two states: it was told as at rest.
+        assert!(arm.state().await.expect("a state").condition.moving);
     }
     // Whatever ends the program, there is nothing left to hold.
     cell.lock().expect("a cell").set_fault(Some("SRVO-002"));
     arm.stop(&mut None).await.expect("nothing runs");
+    assert!(!arm.state().await.expect("a state").condition.moving);
     assert!(matches!(arm.release().await, Err(DeviceError::Refused { .. })), "there is nothing to end");
     let sent: Vec<String> = log.sent().iter().map(|line| String::from_utf8_lossy(line).into_owned()).collect();
     assert!(sent[sent.len() - 2].contains("FRC_Abort"), "its end was not answered before: {sent:?}");
