@@ -1041,8 +1041,19 @@ async function leftAt(id) {
   await page.unrouteAll();
 }
 
-/** A run that pauses after each step is begun and led on by its button. */
+/** A run that pauses after each step is begun and led on by its button. A busy machine may be late with a state, which stops a run: it is
+ *  begun anew then. */
 async function stepped(id) {
+  for (let attempts = 3; !(await steppedOnce(id)); attempts -= 1) {
+    assert.ok(attempts > 1, "a state was late each time");
+    assert.match(await page.locator("main").innerText(), /no state of the (arm|table)/);
+  }
+  await press("Stop");
+  await page.locator("#run-state.stopped").waitFor();
+}
+
+/** Two single steps of a run; false where it was stopped on the way. */
+async function steppedOnce(id) {
   await page.goto(`${base}#/jobs/${id}/cell`);
   await page.locator(".player .primary").waitFor();
   await begin({ time_factor: "20", single_step: true });
@@ -1051,10 +1062,14 @@ async function stepped(id) {
   // The step that comes next is told.
   for (const step of [1, 2]) {
     await press("Carry out one step");
-    await page.waitForFunction((step) => document.querySelector("#run-state.paused") && document.querySelector("#run-progress").textContent.startsWith(`${step} `), step);
+    const ended = await page.waitForFunction((step) => {
+      const isNext = document.querySelector("#run-progress").textContent.startsWith(`${step} `);
+      if (document.querySelector("#run-state.stopped")) return "stopped";
+      return document.querySelector("#run-state.paused") && isNext && "paused";
+    }, step);
+    if ((await ended.jsonValue()) === "stopped") return false;
   }
-  await press("Stop");
-  await page.locator("#run-state.stopped").waitFor();
+  return true;
 }
 
 /** A live run is armed by the name of the cell as the operator writes it. No machine is connected here: the page is told of the last
