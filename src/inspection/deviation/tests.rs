@@ -45,6 +45,13 @@ fn placed_with(scans: &[ViewScan], covariance: Matrix6<f64>, shared_sd: Twist) -
     scans.iter().map(placed).collect()
 }
 
+/// Scans of a part that lies off.
+fn moved_by(off: &Isometry3<f64>, scans: &[ViewScan]) -> Vec<ViewScan> {
+    let moved =
+        |scan: &ViewScan| ViewScan { part_from_scanner: Pose::claim(off * scan.part_from_scanner.isometry()), ..scan.clone() };
+    scans.iter().map(moved).collect()
+}
+
 /// The mesh with its vertices moved.
 fn changed(mesh: &Mesh, change: impl Fn(&Point3<f64>) -> Vector3<f64>) -> Mesh {
     let mut changed = mesh.clone();
@@ -710,10 +717,7 @@ fn alignments_fit_the_part_or_one_region_and_leave_what_slides() {
     let shots = Shots::of(&model.mesh, 12);
     let off = motion_of(3, 0.05, 0.2);
     let scans = shots.scans(&shots.poses(7), 0.0, |_| Isometry3::identity());
-    let moved: Vec<ViewScan> = scans
-        .iter()
-        .map(|scan| ViewScan { part_from_scanner: Pose::claim(off * scan.part_from_scanner.isometry()), ..scan.clone() })
-        .collect();
+    let moved = moved_by(&off, &scans);
     let options = DeviationOptions::default();
     let rms =
         |found: &Deviation| statistics(&found.samples, &model.surface, model.surface.samples(), None).expect("figures").rms_mm;
@@ -768,10 +772,7 @@ fn a_plate_that_is_off_along_itself_is_fitted_by_its_narrow_faces() {
     let shots = Shots::of(&model.mesh, 12);
     let off = Isometry3::translation(0.1, 0.05, 0.0);
     let scans = shots.scans(&shots.poses(8), 0.005, |_| Isometry3::identity());
-    let moved: Vec<ViewScan> = scans
-        .iter()
-        .map(|scan| ViewScan { part_from_scanner: Pose::claim(off * scan.part_from_scanner.isometry()), ..scan.clone() })
-        .collect();
+    let moved = moved_by(&off, &scans);
     let found = best_fit(&placed(&moved, 0.0), &model.nominal(), None, None, &DeviationOptions::default());
     let left = found.mesh_from_placed.isometry() * off;
     assert_eq!(found.fixed_freedoms, 6);
