@@ -1,6 +1,7 @@
 //! Distances of a view's points from the faces that their rays meet, and those that a sample takes.
 
 use std::array;
+use std::ops::RangeInclusive;
 
 use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
@@ -24,6 +25,8 @@ pub(super) struct ViewDistances {
     /// `None` where the cloud has none.
     grid: Option<PixelGrid>,
     found: Vec<Found>,
+    /// Cell that images the foot, and own cell, of each point that is placed by its foot; ascending.
+    feet: Vec<[usize; 2]>,
     /// Points off the surface: position in the part's frame, and distance.
     pub(super) off_surface: Vec<(Point3<f64>, f64)>,
     pub(super) compared: u64,
@@ -80,16 +83,19 @@ enum PointUse {
     Beside,
 }
 
-/// Face that the ray of a cell meets, and the distance of its point from it.
+/// Face that a point belongs to, and the distance of the point from it.
 #[derive(Clone, Copy)]
 struct Found {
+    /// Face that the ray of the point's cell meets, or that lies below the point.
     face: u32,
     distance_mm: f32,
     usage: PointUse,
+    /// True if the face is that below the point.
+    is_by_foot: bool,
 }
 
 impl Found {
-    const NOTHING: Self = Self { face: NO_FACE, distance_mm: 0.0, usage: PointUse::Compared };
+    const NOTHING: Self = Self { face: NO_FACE, distance_mm: 0.0, usage: PointUse::Compared, is_by_foot: false };
     const BESIDE: Self = Self { usage: PointUse::Beside, ..Self::NOTHING };
 
     /// Face that the point may lie on; none of a surface that is turned, or of one far behind.
@@ -101,6 +107,12 @@ impl Found {
     /// Returns true if the point is so near that it may be of the part.
     fn is_of_part(&self) -> bool {
         f64::from(self.distance_mm.abs()) <= MAX_OFF_MM
+    }
+
+    /// Returns true if the point lies before its face by a distance within these bounds.
+    fn is_before(&self, from_mm: f64, to_mm: f64) -> bool {
+        let distance_mm = f64::from(self.distance_mm);
+        self.face != NO_FACE && distance_mm > from_mm && distance_mm <= to_mm
     }
 }
 
@@ -120,11 +132,12 @@ impl ViewDistances {
         nominal: &Nominal<'_>,
         normals: &[Vector3<f64>],
         options: &DeviationOptions,
+        footprint_mm: f64,
     ) -> Self {
         let cloud = &placed.scan.scanner_cloud;
         // Points without a grid are left out: ingest gives every cloud one.
         let Some(grid) = cloud.grid.and_then(|size| PixelGrid::of_size(nominal.scanner, size)) else {
-            return Self { grid: None, found: Vec::new(), off_surface: Vec::new(), compared: 0, turned: 0 };
+            return Self { grid: None, found: Vec::new(), feet: Vec::new(), off_surface: Vec::new(), compared: 0, turned: 0 };
         };
         let part_from_scanner = &placed.part_from_scanner;
         let (scanner_from_part, eye_mm) = (part_from_scanner.inverse(), part_from_scanner.point(&grid.centre_mm()));
@@ -136,12 +149,13 @@ impl ViewDistances {
         // None is judged by what another one has been taken for.
         let is_beyond = |cell| view.is_beyond_a_step(cell, &found, &ring) || view.is_beyond_a_rim(cell, &found, &ring);
         let is_beyond: Vec<bool> = parallel::map_range(cells, is_beyond);
+        let feet = view.place_by_feet(&mut found, &is_beyond, footprint_mm);
         let pieces: Vec<SortedPoints> =
             found.par_chunks_mut(RAYS).enumerate().map(|(piece, found)| view.sort(piece * RAYS, found, &is_beyond)).collect();
         let compared = pieces.iter().map(|piece| piece.compared).sum();
         let turned = pieces.iter().map(|piece| piece.turned).sum();
         let off_surface = pieces.into_iter().flat_map(|piece| piece.off_surface).collect();
-        Self { grid: Some(grid), found, off_surface, compared, turned }
+        Self { grid: Some(grid), found, feet, off_surface, compared, turned }
     }
 
     /// Distances in runs of neighbouring cells along a row, or down a column, each of points that are compared with even surface: at most so
@@ -156,6 +170,12 @@ impl ViewDistances {
         let firsts = parallel::map_range(lines, of_line).concat();
         let chosen = firsts.iter().step_by(firsts.len().div_ceil(most).max(1));
         chosen.map(|first| array::from_fn(|place| f64::from(self.found[first + place * step].distance_mm))).collect()
+    }
+
+    /// Cells of the points whose feet the cells of this range image.
+    fn with_feet_in(&self, cells: RangeInclusive<usize>) -> impl Iterator<Item = usize> {
+        let first = self.feet.partition_point(|[foot, _]| foot < cells.start());
+        self.feet[first..].iter().take_while(move |[foot, _]| foot <= cells.end()).map(|[_, cell]| *cell)
     }
 
     /// Returns true if the points of all these cells are compared, with faces that are hardly turned against that of the first.
@@ -237,6 +257,42 @@ impl View<'_> {
         sorted
     }
 
+    /// Gives points that lie before their faces by more than a footprint to the faces below them, on which the material stands: under an
+    /// oblique view their rays meet the surface elsewhere. Returns the cells of their feet, and their own, ascending.
+    fn place_by_feet(&self, found: &mut [Found], is_beyond: &[bool], footprint_mm: f64) -> Vec<[usize; 2]> {
+        let search_mm = self.options.search_mm;
+        let is_before = |cell: &usize| !is_beyond[*cell] && found[*cell].is_before(footprint_mm, search_mm);
+        let cells: Vec<usize> = (0..found.len()).filter(is_before).collect();
+        let below = parallel::map_range(cells.len(), |place| self.below(cells[place], &found[cells[place]]));
+        let mut feet = Vec::new();
+        for (cell, (below, foot)) in cells.iter().zip(below).filter_map(|(cell, below)| Some((*cell, below?))) {
+            found[cell] = below;
+            feet.push([foot, cell]);
+        }
+        feet.sort_unstable();
+        feet
+    }
+
+    /// Face below the point of a cell, and the cell that images the foot on it; `None` where nothing of the part lies below within the
+    /// distance that is searched, or the foot lies outside of the grid.
+    fn below(&self, cell: usize, found: &Found) -> Option<(Found, usize)> {
+        let point = self.placed.part_from_scanner.point(&self.point(cell)?);
+        let mut below = Found { is_by_foot: true, ..*found };
+        let mut hits: Vec<Option<Hit>> = Vec::new();
+        for _ in 0..FOOT_STEPS {
+            let normal = self.normals[below.face as usize];
+            self.nominal.scene.first_hits_from(SimdLevel::widest(), &point, &[-normal], &mut hits);
+            let face = hits[0].as_ref()?.triangle;
+            let own = self.normals.get(face as usize).filter(|own| own.dot(&normal) > 0.0)?;
+            let distance_mm = own.dot(&(point - self.nominal.mesh.corners(face as usize)[0]));
+            below = Found { face, distance_mm: distance_mm as f32, ..below };
+        }
+        let foot = point - self.normals[below.face as usize] * f64::from(below.distance_mm);
+        let (place, _) = self.grid.image_of(&self.scanner_from_part.point(&foot))?;
+        let cell = self.grid.number(self.grid.cell_at(place)?);
+        below.is_before(0.0, self.options.search_mm).then_some((below, cell))
+    }
+
     fn judge(&self, cell: usize, direction: &Vector3<f64>, face: u32) -> Found {
         let mesh = self.nominal.mesh;
         let normal = self.normals[face as usize];
@@ -247,7 +303,7 @@ impl View<'_> {
         let distance_mm = normal.dot(&(self.eye_mm + direction - mesh.vertices_mm[mesh.faces[face as usize][0] as usize])) as f32;
         let is_within = f64::from(distance_mm.abs()) <= self.options.search_mm;
         let usage = if is_within && self.is_turned(cell, &normal) { PointUse::Turned } else { PointUse::Compared };
-        let found = Found { face, distance_mm, usage };
+        let found = Found { face, distance_mm, usage, is_by_foot: false };
         // Far before the face lies another body. Far behind it, this view's ray went through where the face should be; a point of a merged
         // cloud may have been seen by another ray, even of a body that is not the part.
         let counts_behind = distance_mm < 0.0 && !self.options.is_merged;
@@ -319,7 +375,7 @@ impl View<'_> {
             let Some(point) = self.point(beside) else { continue };
             // Above the plane of the face.
             let height_mm = normal.dot(&(self.placed.part_from_scanner.point(&point) - corner));
-            let Found { face, distance_mm, usage } = found[beside];
+            let Found { face, distance_mm, usage, .. } = found[beside];
             match usage {
                 PointUse::Beside => is_background |= (height_mm - behind_mm).abs() <= search_mm,
                 // Beside the drop the surface seems turned.
@@ -373,6 +429,8 @@ const MAX_RING: isize = 8;
 /// Multiple of a point's noise by which another face has to explain it better. The noise counts for [`NOISE_MM`] at least: by less the
 /// facets of a curved surface would be taken for steps.
 const STEP_NOISES: f64 = 10.0;
+/// Steps along normals to the face below a point: on a curved surface the face that the first one meets is turned against that of the ray.
+const FOOT_STEPS: usize = 2;
 /// Largest half width of a footprint, cells.
 const MAX_HALF_WIDTH: usize = 12;
 /// More than the rounding of a point's coordinates in either frame, mm.
@@ -397,17 +455,24 @@ impl Footprints<'_> {
         let (place, depth_mm) = grid.image_of(&in_scanner)?;
         let [column, row] = grid.cell_at(place)?;
         let half = ((self.footprint_mm / grid.cell_mm(depth_mm)).ceil() as usize).clamp(1, MAX_HALF_WIDTH);
+        let (first, last) = (column.saturating_sub(half), (column + half).min(grid.size.columns - 1));
         let mut footprint = MeasuredFootprint::default();
         for row in row.saturating_sub(half)..=(row + half).min(grid.size.rows - 1) {
-            for column in column.saturating_sub(half)..=(column + half).min(grid.size.columns - 1) {
-                self.take(grid.number([column, row]), [&at, &in_scanner, &eye_mm], (patch.face, &patch.normal), &mut footprint);
+            for column in first..=last {
+                let cell = grid.number([column, row]);
+                if !self.distances.found[cell].is_by_foot {
+                    self.take(cell, [&at, &in_scanner, &eye_mm], (patch.face, &patch.normal), &mut footprint);
+                }
+            }
+            for cell in self.distances.with_feet_in(grid.number([first, row])..=grid.number([last, row])) {
+                self.take(cell, [&at, &in_scanner, &eye_mm], (patch.face, &patch.normal), &mut footprint);
             }
         }
         let MeasuredFootprint { compared, off, turned } = footprint;
         (compared.points + off + turned.points > 0).then_some(footprint)
     }
 
-    /// Takes the point of a cell, if its ray meets the face within the footprint of the sample at `at` in the part's frame and
+    /// Takes the point of a cell, if its place on its face is within the footprint of the sample at `at` in the part's frame and
     /// `in_scanner` in the scanner's; `eye_mm` is the left camera's optical centre.
     fn take(
         &self,
@@ -416,7 +481,7 @@ impl Footprints<'_> {
         (own_face, normal): (u32, &Vector3<f64>),
         into: &mut MeasuredFootprint,
     ) {
-        let Found { face, distance_mm, usage } = self.distances.found[cell];
+        let Found { face, distance_mm, usage, is_by_foot } = self.distances.found[cell];
         if face == NO_FACE {
             return;
         }
@@ -425,7 +490,7 @@ impl Footprints<'_> {
         let point = Point3::from(point.map(f64::from));
         let face_normal = if face == own_face { *normal } else { self.normals[face as usize] };
         let is_of_side = face_normal.dot(normal) >= SAME_SIDE_COS;
-        let is_far = distance.abs() > self.footprint_mm;
+        let is_far = distance.abs() > self.footprint_mm && !is_by_foot;
         // The foot is no farther from the point than the distance: most cells of the square around the disc end here.
         if !is_far && (point - in_scanner).norm_squared() > (self.footprint_mm + distance.abs() + ROUNDING_MM).powi(2) {
             return;

@@ -2,8 +2,10 @@
 //! uncertainty; statistics, verdicts of toleranced regions, extents, and the worst spots.
 //!
 //! Each point belongs to the face that the left camera's ray through it meets first, at h; its distance is d = n·(q − h), n the
-//! face's outward normal, exact where the surface found is parallel to the face. A sample takes the points whose h is no farther than
-//! [`DeviationOptions::footprint_mm`] and whose face is turned by less than 30° against its own: none is ever averaged across an edge.
+//! face's outward normal, exact where the surface found is parallel to the face. Where d is more than a footprint, extra material stands on
+//! the surface elsewhere than an oblique ray meets it: such a point belongs to the face below it, and h is its foot there. A sample takes
+//! the points whose h is no farther than [`DeviationOptions::footprint_mm`] and whose face is turned by less than 30° against its own: none
+//! is ever averaged across an edge.
 //! At a step in depth, where the part lies off its model sideways, a ray to the level on the other side meets the wrong face: a point
 //! that the face of a pixel within [`DeviationOptions::rim_mm`] explains better is left out. So is one of what lies behind a rim of the
 //! part, if so near both it goes on beside the part and the face is shown; and one that shows a surface turned by more than 30° against
@@ -238,7 +240,7 @@ pub fn compare(scans: &[PlacedScan<'_>], nominal: &Nominal<'_>, options: &Deviat
     let mesh = nominal.mesh;
     let normals: Vec<Vector3<f64>> = parallel::map_range(mesh.faces.len(), |face| mesh.scaled_normal(face).normalize());
     for placed in scans {
-        let distances = ViewDistances::of(placed, nominal, &normals, options);
+        let distances = ViewDistances::of(placed, nominal, &normals, options, footprint_mm);
         compared_points += distances.compared;
         turned_points += distances.turned;
         heaps.extend_from_slice(&distances.off_surface);

@@ -765,6 +765,48 @@ fn a_lump_does_not_move_the_part_that_is_fitted_around_it() {
     assert!(told[0] > 0.9 && (told[0] - told[1]).abs() < 0.01, "the lump is told in full: {told:?}");
 }
 
+/// A lump of 36 mm² under oblique views was told with 95 mm², smeared along their rays, and the surface around it read up to 0.5 mm.
+#[test]
+fn a_lump_under_oblique_views_stands_where_it_is_and_is_as_large() {
+    let lump = |height_mm: f64| -> Vec<[f64; 2]> {
+        let mut profile = vec![[-30.0, 0.0], [-3.0, 0.0], [-3.0, height_mm], [3.0, height_mm], [3.0, 0.0], [30.0, 0.0]];
+        profile.dedup();
+        profile
+    };
+    let cylinder = |height_mm: f64| -> Vec<[f64; 2]> {
+        let at = |degrees: i32| {
+            let radius_mm = 30.0 + if (-6..=6).contains(&degrees) { height_mm } else { 0.0 };
+            let angle = f64::from(degrees).to_radians();
+            [radius_mm * angle.sin(), radius_mm * angle.cos() - 30.0]
+        };
+        (-60..=60).map(at).collect()
+    };
+    for (name, profile) in [("plate", &lump as &dyn Fn(f64) -> Vec<[f64; 2]>), ("cylinder", &cylinder)] {
+        let model = Model::of(extruded(&profile(0.0)), 2.0);
+        let built = extruded(&profile(3.0));
+        let shots = Shots::of(&built, 8);
+        let sides = [-55.0_f64, 55.0].map(|degrees| Vector3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos()));
+        let poses = sides.map(|from| from_side(&shots, &Point3::origin(), from));
+        let scans = shots.scans(&poses, 0.005, |_| Isometry3::identity());
+        let options = DeviationOptions { search_mm: 5.0, ..DeviationOptions::default() };
+        let found = compare(&placed(&scans, 0.0), &model.nominal(), &options);
+        let spots = found.worst_spots(&model.nominal(), &options, 20);
+        let extra: Vec<&DeviationSpot> = spots.iter().filter(|spot| spot.kind == MaterialKind::Extra).collect();
+        // 360 mm² on the plate, 377 on the cylinder, and half a footprint around them.
+        assert!(extra.len() == 1 && (360.0..450.0).contains(&extra[0].area_mm2), "{name}: {extra:#?}");
+        assert!(extra[0].centre_mm.x.abs() < 0.3 && extra[0].mean_mm > 2.6, "{name}: {extra:#?}");
+        let mut around = 0;
+        for sample in model.surface.samples() {
+            let (own, at) = (found.samples[sample.index()], model.surface.sample_mm[sample.index()]);
+            if (4.5..10.0).contains(&at.x.abs()) && own.points > 0 {
+                around += 1;
+                assert!(own.distance_mm.abs() < 0.05, "{name} at {at}: {own:?}");
+            }
+        }
+        assert!(around > 100, "{around} samples beside the lump are measured");
+    }
+}
+
 /// The narrow faces of a plate alone tell where it lies along itself: all of them are beyond three root mean squares at first.
 #[test]
 fn a_plate_that_is_off_along_itself_is_fitted_by_its_narrow_faces() {
