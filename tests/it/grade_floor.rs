@@ -58,6 +58,21 @@ fn as_much_at_grade_a_is_measured_as_is_asked_for() {
     assert!(more > share + 0.05 && more_views <= 2 * views, "{more_views} views, {more} at grade A");
 }
 
+/// Of as many views as a limit permits, those that were asked for grade A had less of it: 10.2 in place of 14.4 % of a ring.
+#[test]
+fn asking_for_grade_a_under_a_limit_of_views_gives_no_less_of_it() {
+    let mesh = demo_parts::base(20_000).expect("a demo part");
+    let shares = [None, Some(0.9)].map(|min_grade_a| {
+        let mut params = PlanParams::default();
+        (params.selection.max_views, params.selection.min_grade_a) = (Some(4), min_grade_a);
+        planned(&mesh, None, &params, Solver::Local)
+    });
+    println!("base, four views: {shares:?}");
+    let [(views, share), (as_many, asked_for)] = shares;
+    assert_eq!((views, as_many), (4, 4));
+    assert!(asked_for > share, "{asked_for} at grade A, not asked for {share}");
+}
+
 #[test]
 #[ignore = "long: tests/all runs it"]
 fn fewer_views_keep_the_grade_a_of_greedys_on_public_parts() {
