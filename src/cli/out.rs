@@ -12,6 +12,7 @@ use std::fs::{self, File, TryLockError};
 use std::io::{ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
+use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
@@ -302,7 +303,7 @@ impl OutputFolder {
         Err(CliError::BadInput(format!("--out {}: {} {what}", self.path.display(), of_user.join(", "))))
     }
 
-    /// Writes the new files beside the old ones.
+    /// Writes the new files beside the old ones, side by side: each waits for the disk.
     fn stage(
         &self,
         staging: &Path,
@@ -316,16 +317,18 @@ impl OutputFolder {
             _ => fs::create_dir(staging)?,
         }
         let stage = |artifact: &Artifact| {
-            write_durably(&staging.join(&*artifact.name), &artifact.bytes)?;
+            let written = || write_durably(&staging.join(&*artifact.name), &artifact.bytes);
+            let (written, sha256) = rayon::join(written, || sha256(&artifact.bytes));
+            written?;
             Ok(RecordedFile {
                 name: artifact.name.clone().into_owned(),
-                sha256: sha256(&artifact.bytes),
+                sha256,
                 written_by: self.writer.name(),
                 plan_sha256: origin.plan_sha256.clone(),
                 made_from: origin.made_from.clone(),
             })
         };
-        let mut staged = artifacts.iter().map(stage).collect::<std::io::Result<Vec<_>>>()?;
+        let mut staged = artifacts.par_iter().map(stage).collect::<std::io::Result<Vec<_>>>()?;
         staged.extend(timings.map(|timings| stage(&timings())).transpose()?);
         Ok(staged)
     }

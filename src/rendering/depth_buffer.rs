@@ -77,7 +77,10 @@ impl DepthBuffer {
     /// An empty buffer.
     pub(super) fn new(size_px: [usize; 2]) -> Self {
         let [width, height] = size_px;
-        Self { width, height, samples: vec![0.0; width * height + LANES] }
+        // Written rather than asked for as zeros: those are mapped twice, when first read and when first written.
+        let mut samples = Vec::with_capacity(width * height + LANES);
+        samples.extend(std::iter::repeat_n(0.0, width * height + LANES));
+        Self { width, height, samples }
     }
 
     /// Row of samples from the top; empty below the picture.

@@ -399,7 +399,6 @@ impl PlanJob<'_> {
     ) -> Result<Files, Cancelled> {
         let (plan, WrittenPlan { bytes, sha256, size_warnings, warnings, .. }) = (&outcome.plan, written);
         let stop = || ctx.check().is_err();
-        let preview = geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from)?;
         let subject = self.subject(&size_warnings);
         let report = ReportInput { subject, outcome, plan_sha256: &sha256, summary, warnings: &warnings };
         let tables = || -> Files {
@@ -410,12 +409,16 @@ impl PlanJob<'_> {
                 ("viewpoints.csv".into(), viewpoints::csv(plan, &sha256).into_bytes()),
                 ("coverage.json".into(), json_file_bytes(&coverage::json(outcome, self.mesh, &sha256))),
                 ("coverage.csv".into(), coverage::csv(outcome, self.mesh, &sha256).into_bytes()),
-                ("coverage.bin".into(), coverage::bin(outcome, &preview)),
-                ("missed.json".into(), json_file_bytes(&missed::json(plan, &sha256))),
             ]
         };
+        let preview = || geometry::preview(self.mesh, PREVIEW_TRIANGLES, &Poll::new(&stop)).map_err(Cancelled::from);
+        let (preview, mut files) = rayon::join(preview, tables);
+        let preview = preview?;
         let words = report_text(plan, summary, &size_warnings, &warnings);
-        let (mut files, reports) = rayon::join(tables, || report_files(&report, words, reports, &preview, ctx));
+        let bin = || coverage::bin(outcome, &preview);
+        let (bin, reports) = rayon::join(bin, || report_files(&report, words, reports, &preview, ctx));
+        files.push(("coverage.bin".into(), bin));
+        files.push(("missed.json".into(), json_file_bytes(&missed::json(plan, &sha256))));
         files.extend(reports?);
         files.extend(regions::csv(plan, &sha256).map(|table| (REGIONS_FILE.into(), table.into_bytes())));
         Ok(files)

@@ -3,24 +3,29 @@
 use crate::planning::ids::SampleId;
 use crate::planning::params::NoiseParams;
 use crate::planning::plan::tally::measured_area;
-use crate::planning::plan::{Cause, Coverage, RegionCoverage, Verdict};
+use crate::planning::plan::{Cause, Coverage, MeasuredArea, RegionCoverage, Verdict};
 use crate::planning::problem::{ChosenViews, ViewPlanningProblem};
 use crate::planning::selection::{coverable, coverable_mm2};
 use crate::planning::surface::requirements::{self, NamedRegion};
 use crate::planning::visibility::Row;
 
-/// Coverage, given what each chosen view measures.
-pub(super) fn of(problem: &ViewPlanningProblem<'_>, chosen: &ChosenViews, measuring: &[Row], verdicts: &[Verdict]) -> Coverage {
+/// Area that the chosen views measure, given the samples of each.
+pub(super) fn measured(problem: &ViewPlanningProblem<'_>, chosen: &ChosenViews, measuring: &[Row]) -> MeasuredArea {
+    let viewpoints = chosen.candidates.iter().map(|candidate| problem.candidates[*candidate].part_from_scanner.origin_mm());
+    measured_area(&problem.surface, &problem.asked_area_mm2, viewpoints.zip(measuring))
+}
+
+/// Coverage, given the area that the chosen views measure and the samples of each.
+pub(super) fn of(problem: &ViewPlanningProblem<'_>, measured: MeasuredArea, measuring: &[Row], verdicts: &[Verdict]) -> Coverage {
     let ViewPlanningProblem { surface, asked_area_mm2, .. } = problem;
     let mut coverage = Coverage {
+        measured,
         total_area_mm2: surface.area_where(|_| true),
         asked_area_mm2: asked_area_mm2.iter().sum(),
         coverable_area_mm2: coverable_mm2(&problem.rows(&problem.usable()), asked_area_mm2),
         optically_coverable_area_mm2: optically_coverable_mm2(problem),
         ..Coverage::default()
     };
-    let viewpoints = chosen.candidates.iter().map(|candidate| problem.candidates[*candidate].part_from_scanner.origin_mm());
-    coverage.measured = measured_area(surface, asked_area_mm2, viewpoints.zip(measuring));
     let is_visible = |verdict: &Verdict| !matches!(verdict, Verdict::Missed(Cause::ExcludedResting | Cause::Enclosed));
     let visible = verdicts.iter().zip(asked_area_mm2).filter(|(verdict, _)| is_visible(verdict));
     coverage.visible_area_mm2 = visible.map(|(_, area_mm2)| area_mm2).sum();

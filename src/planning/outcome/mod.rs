@@ -76,8 +76,12 @@ pub(super) fn assemble(
     }
     let counted = verdicts::Counted { measuring: &solution.measuring, left_out: &left_out };
     let scenes = (surroundings.occluders, surroundings.part);
-    let mut verdicts = verdicts::of(&problem, &counted, &solution.all_excluded, scenes, ctx)?;
-    let mut coverage = coverage::of(&problem, chosen, &solution.measuring, &verdicts);
+    let (verdicts, measured) = rayon::join(
+        || verdicts::of(&problem, &counted, &solution.all_excluded, scenes, ctx),
+        || coverage::measured(&problem, chosen, &solution.measuring),
+    );
+    let mut verdicts = verdicts?;
+    let mut coverage = coverage::of(&problem, measured, &solution.measuring, &verdicts);
     if surroundings.is_of_open {
         coverage::ask_for_open_alone(&mut coverage);
     }

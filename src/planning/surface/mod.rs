@@ -165,16 +165,22 @@ impl Surface {
         surface.patches.reserve_exact(patches);
         surface.sample_mm.reserve_exact(samples);
         surface.sample_patch.reserve_exact(samples);
-        let mut next = 0;
-        for (block, (mut points, mut numbers)) in blocks.into_iter().zip(placed) {
-            surface.patches.extend(block.into_iter().map(|patch| {
+        let Self { patches: all_patches, sample_mm, sample_patch, .. } = &mut surface;
+        let number_patches = || {
+            let mut next = 0;
+            all_patches.extend(blocks.into_iter().flatten().map(|patch| {
                 let first_sample = SampleId::at(next);
                 next += patch.samples as usize;
                 Patch { first_sample, ..patch }
             }));
-            surface.sample_mm.append(&mut points);
-            surface.sample_patch.append(&mut numbers);
-        }
+        };
+        let join_samples = || {
+            for (mut points, mut numbers) in placed {
+                sample_mm.append(&mut points);
+                sample_patch.append(&mut numbers);
+            }
+        };
+        rayon::join(number_patches, join_samples);
         surface
     }
 }
@@ -326,8 +332,14 @@ pub(super) fn expected(mesh: &Mesh, params: &PartParams) -> [f64; 2] {
         let cuts = if longest_mm > edge_mm { 2.0 * longest_mm / edge_mm } else { 0.0 };
         [1.0 + cuts + 8.0 * face_mm2 / (edge_mm * edge_mm), face_mm2]
     };
-    let of_faces = parallel::map_range(mesh.faces.len(), of_face);
-    let [patches, area_mm2] = of_faces.iter().fold([0.0, 0.0], |[patches, mm2], face| [patches + face[0], mm2 + face[1]]);
+    let sum = |[patches, mm2]: [f64; 2], face: [f64; 2]| [patches + face[0], mm2 + face[1]];
+    let faces = mesh.faces.len();
+    let of_block = |block: usize| {
+        let first = block * FACES_A_BLOCK;
+        (first..faces.min(first + FACES_A_BLOCK)).map(of_face).fold([0.0, 0.0], sum)
+    };
+    let of_blocks = parallel::map_range(faces.div_ceil(FACES_A_BLOCK), of_block);
+    let [patches, area_mm2] = of_blocks.into_iter().fold([0.0, 0.0], sum);
     [patches, patches + density * area_mm2]
 }
 
