@@ -18,6 +18,8 @@ pub struct Extent {
     pub nominal_mm: f64,
     /// Extent as measured, mm; none where an end was not measured.
     pub measured_mm: Option<f64>,
+    /// Upper bound of its expanded uncertainty, mm; none likewise: what poses leave open may move both ends apart.
+    pub max_expanded_mm: Option<f64>,
 }
 
 pub(super) fn extents(samples: &[SampleDeviation], nominal: &Nominal<'_>) -> [Extent; 3] {
@@ -27,17 +29,23 @@ pub(super) fn extents(samples: &[SampleDeviation], nominal: &Nominal<'_>) -> [Ex
         let end = |is_high: bool| {
             let (sign, limit) = if is_high { (1.0, around.max[axis]) } else { (-1.0, around.min[axis]) };
             let within = END_MM.max(END_SHARE * nominal_mm);
-            let (mut area, mut sum, mut count) = (0.0, 0.0, 0);
+            let (mut area, mut sum, mut expanded, mut count) = (0.0, 0.0, 0.0, 0);
             for sample in nominal.surface.samples() {
                 let (at, found) = (nominal.surface.sample_mm[sample.index()], samples[sample.index()]);
                 let cos = sign * nominal.surface.patch_of(sample).normal[axis];
                 if found.points > 0 && (at[axis] - limit).abs() <= within && cos >= END_COS {
                     let own = nominal.surface.sample_area_mm2(sample);
                     (area, sum, count) = (area + own, sum + own * f64::from(found.distance_mm) / cos, count + 1);
+                    // Samples of an end may share their errors.
+                    expanded += own * f64::from(found.expanded_mm) / cos;
                 }
             }
-            (count >= MIN_SAMPLES).then(|| sum / area)
+            (count >= MIN_SAMPLES).then(|| [sum / area, expanded / area])
         };
-        Extent { nominal_mm, measured_mm: end(false).zip(end(true)).map(|(low, high)| nominal_mm + low + high) }
+        let [moved_mm, max_expanded_mm] = match end(false).zip(end(true)) {
+            Some((low, high)) => [0, 1].map(|place| Some(low[place] + high[place])),
+            None => [None; 2],
+        };
+        Extent { nominal_mm, measured_mm: moved_mm.map(|moved_mm| nominal_mm + moved_mm), max_expanded_mm }
     })
 }

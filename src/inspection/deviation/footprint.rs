@@ -86,11 +86,11 @@ enum PointUse {
 /// Face that a point belongs to, and the distance of the point from it.
 #[derive(Clone, Copy)]
 struct Found {
-    /// Face that the ray of the point's cell meets, or that lies below the point.
+    /// Face that the ray of the point's cell meets, or on which its material stands.
     face: u32,
     distance_mm: f32,
     usage: PointUse,
-    /// True if the face is that below the point.
+    /// True if the face is that on which its material stands.
     is_by_foot: bool,
 }
 
@@ -109,7 +109,7 @@ impl Found {
         f64::from(self.distance_mm.abs()) <= MAX_OFF_MM
     }
 
-    /// Returns true if the point lies before its face by a distance within these bounds.
+    /// Returns true if the point lies before its face by a distance within these bounds, whatever its use.
     fn is_before(&self, from_mm: f64, to_mm: f64) -> bool {
         let distance_mm = f64::from(self.distance_mm);
         self.face != NO_FACE && distance_mm > from_mm && distance_mm <= to_mm
@@ -257,13 +257,12 @@ impl View<'_> {
         sorted
     }
 
-    /// Gives points that lie before their faces by more than a footprint to the faces below them, on which the material stands: under an
-    /// oblique view their rays meet the surface elsewhere. Returns the cells of their feet, and their own, ascending.
+    /// Gives points that lie before their faces by more than a footprint to the faces on which the material stands: under an oblique view
+    /// their rays meet the surface elsewhere. Returns the cells of their feet, and their own, ascending.
     fn place_by_feet(&self, found: &mut [Found], is_beyond: &[bool], footprint_mm: f64) -> Vec<[usize; 2]> {
-        let search_mm = self.options.search_mm;
-        let is_before = |cell: &usize| !is_beyond[*cell] && found[*cell].is_before(footprint_mm, search_mm);
+        let is_before = |cell: &usize| !is_beyond[*cell] && found[*cell].is_before(footprint_mm, MAX_OFF_MM);
         let cells: Vec<usize> = (0..found.len()).filter(is_before).collect();
-        let below = parallel::map_range(cells.len(), |place| self.below(cells[place], &found[cells[place]]));
+        let below = parallel::map_range(cells.len(), |place| self.below(cells[place], &found[cells[place]], footprint_mm));
         let mut feet = Vec::new();
         for (cell, (below, foot)) in cells.iter().zip(below).filter_map(|(cell, below)| Some((*cell, below?))) {
             found[cell] = below;
@@ -273,24 +272,44 @@ impl View<'_> {
         feet
     }
 
-    /// Face below the point of a cell, and the cell that images the foot on it; `None` where nothing of the part lies below within the
-    /// distance that is searched, or the foot lies outside of the grid.
-    fn below(&self, cell: usize, found: &Found) -> Option<(Found, usize)> {
+    /// Face on which the material at the point of a cell stands, and the cell that images the foot on it: the one behind the surface that
+    /// the point shows if that is turned alike, else that below the point along the normal of the face that its ray meets. `None` where
+    /// neither is within the distance that is searched, or the foot lies outside of the grid.
+    fn below(&self, cell: usize, found: &Found, footprint_mm: f64) -> Option<(Found, usize)> {
         let point = self.placed.part_from_scanner.point(&self.point(cell)?);
-        let mut below = Found { is_by_foot: true, ..*found };
-        let mut hits: Vec<Option<Hit>> = Vec::new();
-        for _ in 0..FOOT_STEPS {
-            let normal = self.normals[below.face as usize];
-            self.nominal.scene.first_hits_from(SimdLevel::widest(), &point, &[-normal], &mut hits);
-            let face = hits[0].as_ref()?.triangle;
-            let own = self.normals.get(face as usize).filter(|own| own.dot(&normal) > 0.0)?;
-            let distance_mm = own.dot(&(point - self.nominal.mesh.corners(face as usize)[0]));
-            below = Found { face, distance_mm: distance_mm as f32, ..below };
-        }
-        let foot = point - self.normals[below.face as usize] * f64::from(below.distance_mm);
+        let shown = self.normal(cell).map(|normal| self.placed.part_from_scanner.direction(&normal));
+        let by_shown = shown.and_then(|shown| {
+            // The surface may also lie a little before the point.
+            let min_cos = self.options.max_turn_deg.to_radians().cos();
+            let (face, distance_mm) = self.foot(&point, shown, (footprint_mm, min_cos))?;
+            let is_near = (-footprint_mm..=self.options.search_mm).contains(&distance_mm);
+            is_near.then_some((face, distance_mm, PointUse::Compared))
+        });
+        let by_ray = || {
+            let (face, distance_mm) = self.foot(&point, self.normals[found.face as usize], (0.0, 0.0))?;
+            let is_near = |distance_mm: f64| distance_mm > 0.0 && distance_mm <= self.options.search_mm;
+            (is_near(f64::from(found.distance_mm)) && is_near(distance_mm)).then_some((face, distance_mm, found.usage))
+        };
+        let (face, distance_mm, usage) = by_shown.or_else(by_ray)?;
+        let foot = point - self.normals[face as usize] * distance_mm;
         let (place, _) = self.grid.image_of(&self.scanner_from_part.point(&foot))?;
-        let cell = self.grid.number(self.grid.cell_at(place)?);
-        below.is_before(0.0, self.options.search_mm).then_some((below, cell))
+        let below = Found { face, distance_mm: distance_mm as f32, usage, is_by_foot: true };
+        Some((below, self.grid.number(self.grid.cell_at(place)?)))
+    }
+
+    /// Face that is met from `start_mm` before a point against a normal, then against that of the face itself, and the distance of the point
+    /// from its plane; `None` where nothing of the part is met, or a face that is turned by more than is allowed.
+    fn foot(&self, point: &Point3<f64>, mut normal: Vector3<f64>, (start_mm, min_cos): (f64, f64)) -> Option<(u32, f64)> {
+        let mut hits: Vec<Option<Hit>> = Vec::new();
+        let mut found = None;
+        for _ in 0..FOOT_STEPS {
+            self.nominal.scene.first_hits_from(SimdLevel::widest(), &(point + normal * start_mm), &[-normal], &mut hits);
+            let face = hits[0].as_ref()?.triangle;
+            let own = self.normals.get(face as usize).filter(|own| own.dot(&normal) > min_cos)?;
+            found = Some((face, own.dot(&(point - self.nominal.mesh.corners(face as usize)[0]))));
+            normal = *own;
+        }
+        found
     }
 
     fn judge(&self, cell: usize, direction: &Vector3<f64>, face: u32) -> Found {
@@ -429,7 +448,7 @@ const MAX_RING: isize = 8;
 /// Multiple of a point's noise by which another face has to explain it better. The noise counts for [`NOISE_MM`] at least: by less the
 /// facets of a curved surface would be taken for steps.
 const STEP_NOISES: f64 = 10.0;
-/// Steps along normals to the face below a point: on a curved surface the face that the first one meets is turned against that of the ray.
+/// Steps along normals to the face below a point: on a curved surface the face that the first one meets is turned a little.
 const FOOT_STEPS: usize = 2;
 /// Largest half width of a footprint, cells.
 const MAX_HALF_WIDTH: usize = 12;

@@ -3,7 +3,8 @@
 //!
 //! Each point belongs to the face that the left camera's ray through it meets first, at h; its distance is d = n·(q − h), n the
 //! face's outward normal, exact where the surface found is parallel to the face. Where d is more than a footprint, extra material stands on
-//! the surface elsewhere than an oblique ray meets it: such a point belongs to the face below it, and h is its foot there. A sample takes
+//! the surface elsewhere than an oblique ray meets it: such a point belongs to the face behind the surface that it shows, if that is turned
+//! alike and within [`DeviationOptions::search_mm`], else to the face below it, and h is its foot there. A sample takes
 //! the points whose h is no farther than [`DeviationOptions::footprint_mm`] and whose face is turned by less than 30° against its own: none
 //! is ever averaged across an edge.
 //! At a step in depth, where the part lies off its model sideways, a ray to the level on the other side meets the wrong face: a point
@@ -28,8 +29,8 @@
 //!
 //! Verdicts after ISO 14253-1:2017: conformity is shown where |d| + U ≤ T/2, its contrary where |d| − U > T/2, and nothing in between. Its
 //! contrary is shown as well where two samples of the same views are farther apart than T and what is open of their difference. A
-//! region fails only if ten samples are measured and more of them fail than noise lets fail, or all of a smaller one do, and only where the
-//! registration holds it: where no point of the accepted views tells its distance to 2.5 mm or its tolerance, the region is undecided.
+//! region fails only if ten samples are measured and more of them fail than noise lets fail, or ten lie farther beyond than noise takes any
+//! of so many, or all of a smaller one fail, and only where the registration holds it: where no point of the accepted views tells its distance to 2.5 mm or its tolerance, the region is undecided.
 //! A sample from which most points lie farther than is searched is undecided, and keeps its region from passing: its material may be
 //! missing, but such points also come of a view that lies off sideways, a reflection or another body. With a larger search distance they
 //! are judged.

@@ -306,7 +306,8 @@ struct Judged {
     because: Option<UndecidedBecause>,
 }
 
-/// Verdict of a region: `fail` where more samples fail than noise lets fail ([`by_noise`]), and either [`MIN_TO_FAIL`] are measured, or all
+/// Verdict of a region: `fail` where more samples fail than noise lets fail ([`by_noise`]), or [`MIN_TO_FAIL`] of them by more than noise
+/// takes any of so many beyond the limit ([`farthest_by_noise`]), and either [`MIN_TO_FAIL`] are measured, or all
 /// that are fail and have `min_area_mm2`: small features have fewer samples, and a few of a larger one do not decide. `pass` where samples
 /// of at least `min_area_mm2` pass and no other fails, lies beyond the limit or could have passed: one whose points leave uncommonly much
 /// open, and alone do so, says little either way. Else undecided. A sample before or behind which most points are off
@@ -319,10 +320,11 @@ fn verdict(
     tolerance: f64,
     ((min_area_mm2, median_of_points_mm), uncertainty): ((f64, f64), Uncertainty<'_>),
 ) -> Judged {
-    let (mut measured, mut failed, mut passed_mm2, mut failed_mm2) = (0_usize, 0_usize, 0.0, 0.0);
+    let (mut failed, mut certain, mut passed_mm2, mut failed_mm2) = (0_usize, 0_usize, 0.0, 0.0);
+    let measured = region.samples.iter().filter(|id| samples[id.index()].points > 0).count();
+    let farthest = farthest_by_noise(measured);
     let mut open: Option<OpenPart> = None;
     for (id, sample) in region.samples.iter().map(|id| (id, &samples[id.index()])) {
-        measured += usize::from(sample.points > 0);
         let (own_mm2, expanded_mm) = (surface.sample_area_mm2(*id), uncertainty(sample));
         let is_open = match verdict_by(sample, tolerance, expanded_mm) {
             Conformity::Pass => {
@@ -332,6 +334,8 @@ fn verdict(
             Conformity::Fail => {
                 failed += 1;
                 failed_mm2 += own_mm2;
+                let beyond_mm = f64::from(sample.distance_mm.abs()) - 0.5 * tolerance;
+                certain += usize::from(beyond_mm > farthest * expanded_mm);
                 true
             }
             Conformity::Undecided => {
@@ -349,7 +353,7 @@ fn verdict(
         }
     }
     let are_enough = measured >= MIN_TO_FAIL || failed == measured && failed_mm2 >= min_area_mm2;
-    let (verdict, because) = if are_enough && failed > by_noise(measured) {
+    let (verdict, because) = if are_enough && (failed > by_noise(measured) || certain >= MIN_TO_FAIL) {
         (Conformity::Fail, None)
     } else if measured > 0 && open.is_none() && passed_mm2 >= min_area_mm2 {
         (Conformity::Pass, None)
@@ -358,6 +362,12 @@ fn verdict(
         (Conformity::Undecided, (failed > 0).then_some(because))
     };
     Judged { verdict, open, passed_mm2, because }
+}
+
+/// Multiple of the expanded uncertainty, k = 2, by which noise takes none of so many samples beyond the limit, but with the probability of
+/// [`BY_CHANCE`] in all: √(2 ln(N/p))/2, by the tail e^(−z²/2) of the normal distribution (Chernoff) and the sum over samples (Bonferroni).
+fn farthest_by_noise(samples: usize) -> f64 {
+    0.5 * (2.0 * (samples.max(1) as f64 / BY_CHANCE).ln()).sqrt()
 }
 
 /// Most of so many samples that noise lets fail at the limit: the number that a binomial count with the tail of k = 2 exceeds with no

@@ -598,11 +598,13 @@ fn an_end_that_slopes_has_moved_farther_than_its_surface_deviates() {
     let model = Model::of(extruded(&[[-40.0, 0.0], [0.0, 30.0], [40.0, 0.0], [-40.0, 0.0]]), 0.5);
     let raised = |sample: SampleId| {
         let distance_mm = (0.1 * model.surface.patch_of(sample).normal.z.max(0.0)) as f32;
-        SampleDeviation { distance_mm, points: 9, ..SampleDeviation::default() }
+        SampleDeviation { distance_mm, points: 9, expanded_mm: 0.05, ..SampleDeviation::default() }
     };
     let samples: Vec<SampleDeviation> = model.surface.samples().map(raised).collect();
     let height = super::extents::extents(&samples, &model.nominal())[2];
     assert!(height.measured_mm.is_some_and(|measured_mm| (measured_mm - 30.1).abs() < 1e-5), "{height:?}");
+    // The floor's 0.05 mm, and the roof's over the cosine of 0.8.
+    assert!(height.max_expanded_mm.is_some_and(|expanded_mm| (expanded_mm - 0.1125).abs() < 1e-5), "{height:?}");
 }
 
 /// The noise of points that are seen flatly was once taken for that of the others, of which there are more.
@@ -805,6 +807,54 @@ fn a_lump_under_oblique_views_stands_where_it_is_and_is_as_large() {
         }
         assert!(around > 100, "{around} samples beside the lump are measured");
     }
+}
+
+/// A wall with 3 mm of extra material in the corner before it passed: rays through the front of that meet the floor.
+#[test]
+fn a_lump_in_a_corner_counts_for_the_wall_that_it_stands_before() {
+    let model = Model::of(extruded(&[[-40.0, 0.0], [0.0, 0.0], [0.0, 20.0]]), 2.0);
+    let built = extruded(&[[-40.0, 0.0], [-3.0, 0.0], [-3.0, 3.0], [0.0, 3.0], [0.0, 20.0]]);
+    let shots = Shots::of(&built, 8);
+    let poses = [50.0_f64, 65.0].map(|degrees| {
+        let from = Vector3::new(-degrees.to_radians().sin(), 0.0, degrees.to_radians().cos());
+        from_side(&shots, &Point3::origin(), from)
+    });
+    let scans = shots.scans(&poses, 0.005, |_| Isometry3::identity());
+    let options = DeviationOptions { search_mm: 5.0, ..DeviationOptions::default() };
+    let found = compare(&placed(&scans, 0.0), &model.nominal(), &options);
+    let is_wall = |at: &Point3<f64>| at.x.abs() < 1e-6 && at.z > 1e-6;
+    let behind = |at: &Point3<f64>| is_wall(at) && (0.5..2.5).contains(&at.z) && at.y.abs() < 20.0;
+    let samples: Vec<SampleId> = model.surface.samples().filter(|id| behind(&model.surface.sample_mm[id.index()])).collect();
+    let read = samples.iter().map(|id| found.samples[id.index()]).filter(|own| own.points > 0 && own.distance_mm > 2.9).count();
+    assert!(read > samples.len() * 9 / 10 && read > 50, "{read} of {} samples read 3 mm", samples.len());
+    let wall = judged(&model, &found, is_wall);
+    assert_eq!(wall.verdict, Some(Conformity::Fail), "{wall:?}");
+}
+
+/// A lump of 4.5 mm on 1 % of a face was taken for noise: the more of it was good, the more samples might fail.
+#[test]
+fn samples_that_no_noise_takes_so_far_make_a_region_fail_however_few_of_it_they_are() {
+    let model = Model::of(box_mesh([-50.0, -50.0, 0.0], [50.0, 50.0, 10.0]), 0.1);
+    let judged = |bad: usize, distance_mm: f32| {
+        let sample = |index: usize| SampleDeviation {
+            distance_mm: if index % 1000 < bad { distance_mm } else { 0.0 },
+            points: 9,
+            expanded_mm: 0.02,
+            of_points_mm: 0.02,
+            ..SampleDeviation::default()
+        };
+        let samples: Vec<SampleDeviation> = (0..model.surface.sample_mm.len()).map(sample).collect();
+        let region =
+            RegionToJudge { name: "face".into(), tolerance_mm: Some(0.2), samples: model.surface.samples().take(1000).collect() };
+        judge(&samples, &model.surface, &region, &DeviationOptions::default()).verdict
+    };
+    assert!(model.surface.sample_mm.len() >= 1000);
+    // By the binomial distribution, 35 of 1000 samples at the limit may fail.
+    let [fails, open] = [Some(Conformity::Fail), Some(Conformity::Undecided)];
+    assert_eq!(
+        [judged(10, 4.5), judged(10, 0.16), judged(10, 0.13), judged(9, 4.5), judged(40, 0.13)],
+        [fails, fails, open, open, fails]
+    );
 }
 
 /// The narrow faces of a plate alone tell where it lies along itself: all of them are beyond three root mean squares at first.
