@@ -434,7 +434,7 @@ export interface Inspection {
   deviation: {
     alignment: string; fixed_freedoms: number; compared_points: number; turned_points?: number; excluded?: ExcludedShares; statistics: Statistics | null;
     histogram: { begin_mm: number; width_mm: number; area_mm2: number[] };
-    extents: { nominal_mm: number; measured_mm: number | null }[]; regions: RegionDeviation[];
+    extents: { nominal_mm: number; measured_mm: number | null; max_expanded_uncertainty_mm: number | null }[]; regions: RegionDeviation[];
     worst: { kind: string; centre_mm: Vector; area_mm2: number; mean_mm: number; max_mm: number }[];
     off_surface: { kind: string; centre_mm: Vector; points: number; mean_mm: number }[];
   };

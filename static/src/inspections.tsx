@@ -656,11 +656,11 @@ const Extents = ({ result }: { result: Inspection }) => (
         </tr>
       </thead>
       <tbody>
-        {result.deviation.extents.map(({ nominal_mm: nominal, measured_mm: measured }, i) => (
+        {result.deviation.extents.map(({ nominal_mm: nominal, measured_mm: measured, max_expanded_uncertainty_mm: expanded }, i) => (
           <tr key={i}>
             <th scope="row">{"XYZ"[i]}</th>
             <td class="number">{fine(nominal)}</td>
-            <td class="number">{measured === null ? words.endUnseen : fine(measured)}</td>
+            <td class="number">{measured === null ? words.endUnseen : expanded === null ? fine(measured) : `${fine(measured)} ± ${fine(expanded)}`}</td>
             <td class="number">{measured === null ? text.none : fine(measured - nominal)}</td>
           </tr>
         ))}

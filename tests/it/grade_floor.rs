@@ -58,7 +58,7 @@ fn as_much_at_grade_a_is_measured_as_is_asked_for() {
     assert!(more > share + 0.05 && more_views <= 2 * views, "{more_views} views, {more} at grade A");
 }
 
-/// Of as many views as a limit permits, those that were asked for grade A had less of it: 10.2 in place of 14.4 % of a ring.
+/// Views of a choice that a limit ended were no better at grade A where that was asked for.
 #[test]
 fn asking_for_grade_a_under_a_limit_of_views_gives_no_less_of_it() {
     let mesh = demo_parts::base(20_000).expect("a demo part");

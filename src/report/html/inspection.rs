@@ -205,7 +205,8 @@ fn deviation(report: &InspectionReport<'_>, album: &mut Album) -> String {
     let head = ["", "Mean, mm", "RMS, mm", "1 %, mm", "Median, mm", "99 %, mm", "Largest, mm"];
     let extents = found.extents.iter().zip(["Length (x)", "Width (y)", "Height (z)"]).map(|(extent, name)| {
         let measured = extent.measured_mm.map_or("not measured".to_owned(), |measured| {
-            format!("{} mm ({} mm)", number(measured, 3), number(measured - extent.nominal_mm, 3))
+            let expanded = extent.max_expanded_uncertainty_mm.map(|expanded| format!(" ± {}", number(expanded, 3)));
+            format!("{}{} mm ({} mm)", number(measured, 3), expanded.unwrap_or_default(), number(measured - extent.nominal_mm, 3))
         });
         row(&[name.to_owned(), format!("{} mm", number(extent.nominal_mm, 3)), measured])
     });
@@ -231,7 +232,7 @@ fn deviation(report: &InspectionReport<'_>, album: &mut Album) -> String {
         + &format!("<div class=\"card\">{}</div>\n", histogram(report))
         + &table(&head, &statistics_row("Whole part", figures))
         + "<h3>Extents</h3>\n"
-        + &table(&["", "Nominal", "Measured (difference)"], &extents)
+        + &table(&["", "Nominal", "Measured ± U at most (difference)"], &extents)
         + "<h3>Spots that deviate</h3>\n"
         + &worst
         + &heaps;

@@ -102,6 +102,10 @@ pub struct ExtentDocument {
     pub nominal_mm: f64,
     /// Extent as measured; `null` where an end was not measured.
     pub measured_mm: Option<f64>,
+    /// Upper bound of the expanded uncertainty of that (k = 2): the sum of both ends', which may be off to either side; `null` likewise,
+    /// and in results of releases that did not tell it.
+    #[serde(default)]
+    pub max_expanded_uncertainty_mm: Option<f64>,
 }
 
 /// Deviation of a region of interest or a feature.
@@ -270,7 +274,11 @@ impl DeviationDocument {
     #[must_use]
     pub fn new(inspection: &Inspection) -> Self {
         let (aligned, figures): (_, &DeviationFigures) = (&inspection.deviation, &inspection.figures);
-        let extent = |extent: Extent| ExtentDocument { nominal_mm: extent.nominal_mm, measured_mm: extent.measured_mm };
+        let extent = |extent: Extent| ExtentDocument {
+            nominal_mm: extent.nominal_mm,
+            measured_mm: extent.measured_mm,
+            max_expanded_uncertainty_mm: extent.max_expanded_mm,
+        };
         Self {
             alignment: aligned.alignment,
             mesh_from_placed: PoseSpec::from(&aligned.mesh_from_placed),
@@ -461,7 +469,7 @@ mod tests {
             excluded: ExcludedSharesDocument::from(&excluded),
             statistics: None,
             histogram: HistogramDocument { begin_mm: -1.0, width_mm: 1.0, area_mm2: vec![0.0; 2] },
-            extents: [ExtentDocument { nominal_mm: 1.0, measured_mm: None }; 3],
+            extents: [ExtentDocument { nominal_mm: 1.0, measured_mm: None, max_expanded_uncertainty_mm: None }; 3],
             regions: Vec::new(),
             worst: Vec::new(),
             off_surface: Vec::new(),
