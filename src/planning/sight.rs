@@ -111,8 +111,35 @@ impl Sight {
         table_rad: f64,
         ctx: &Context<'_>,
     ) -> Result<Option<SampleSet>, Cancelled> {
-        let lines = self.lines(part_from_scanner, table_rad);
-        let near: Vec<&Obstacle> = self.near(&lines).collect();
+        self.hidden_from(&self.lines(part_from_scanner, table_rad), surface, measured, ctx)
+    }
+
+    /// [`Sight::hidden`] of a part that lies displaced in the frame of the planned one. The view is given in the frame of the displaced part;
+    /// obstacles stay where they are.
+    ///
+    /// # Errors
+    /// [`Cancelled`].
+    pub(super) fn hidden_of_displaced(
+        &self,
+        surface: &Surface,
+        (part_from_scanner, planned_from_part): (&Pose<Part, ScannerFrame>, &Pose<Part, Part>),
+        measured: &SampleSet,
+        table_rad: f64,
+        ctx: &Context<'_>,
+    ) -> Result<Option<SampleSet>, Cancelled> {
+        let as_planned = self.lines(&(*planned_from_part * *part_from_scanner), table_rad);
+        let lines = Lines { base_from_part: as_planned.base_from_part * *planned_from_part, ..as_planned };
+        self.hidden_from(&lines, surface, measured, ctx)
+    }
+
+    fn hidden_from(
+        &self,
+        lines: &Lines,
+        surface: &Surface,
+        measured: &SampleSet,
+        ctx: &Context<'_>,
+    ) -> Result<Option<SampleSet>, Cancelled> {
+        let near: Vec<&Obstacle> = self.near(lines).collect();
         if near.is_empty() {
             return Ok(None);
         }

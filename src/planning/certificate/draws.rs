@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
-use super::{SecondSampling, SetupViews};
+use super::{SecondSampling, TakenView};
 use crate::geometry::{Part, Pose, ScannerFrame, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
@@ -49,6 +49,23 @@ const BLOCK: [[(usize, f64); 2]; 6] = [
 /// Poses of all views, in the order of [`SecondSampling::views`].
 type Poses = Vec<Pose<Part, ScannerFrame>>;
 
+/// Views with poses that are off.
+#[derive(Clone, Debug, PartialEq)]
+struct Draw {
+    /// Poses in the frame of the part as it lies.
+    poses: Poses,
+    /// Pose of the part as it lies in the frame of the planned one, for each setup; empty where it lies as planned. Obstacles of the cell
+    /// stay where they are.
+    displaced: Vec<Pose<Part, Part>>,
+}
+
+impl Draw {
+    /// Views that are off from a part that lies as planned.
+    fn of_views(poses: Poses) -> Self {
+        Self { poses, displaced: Vec::new() }
+    }
+}
+
 /// Evaluates the views with poses that are off. `nominal` is the share of the asked area that they measure as planned, of all
 /// samples.
 ///
@@ -77,7 +94,7 @@ fn robust_on(
 /// Evaluates the draws of each kind, all of them on the same samples.
 fn evaluated<const KINDS: usize>(
     second: &SecondSampling<'_>,
-    of_kinds: [Vec<Poses>; KINDS],
+    of_kinds: [Vec<Draw>; KINDS],
     (nominal, max_samples): (f64, usize),
     ctx: &Context<'_>,
 ) -> Result<[Drawn; KINDS], Cancelled> {
@@ -87,11 +104,11 @@ fn evaluated<const KINDS: usize>(
     let occluders = second.setups.iter().map(|setup| setup.occluders);
     let by_setup: Vec<UnitedViews<'_>> =
         occluders.map(|occluders| UnitedViews::new(&thinned.surface, &optics, occluders, &second.params, &silent)).collect();
-    let planned: Poses = second.views().map(|(_, view)| *view).collect();
-    let all: Vec<&Poses> = std::iter::once(&planned).chain(of_kinds.iter().flatten()).collect();
+    let planned = Draw::of_views(second.views().map(|(_, view)| *view).collect());
+    let all: Vec<&Draw> = std::iter::once(&planned).chain(of_kinds.iter().flatten()).collect();
     let done = AtomicUsize::new(0);
-    let measured_mm2 = |poses: &&Poses| {
-        let measured_mm2 = thinned.measured_mm2(second, &by_setup, poses, &silent)?;
+    let measured_mm2 = |draw: &&Draw| {
+        let measured_mm2 = thinned.measured_mm2(second, &by_setup, draw, &silent)?;
         ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, all.len());
         Ok(measured_mm2)
     };
@@ -114,25 +131,26 @@ impl ThinnedSamples {
         Self { surface: second.surface.of_samples(&some), area_mm2: some.iter().map(|(_, area_mm2)| *area_mm2).collect() }
     }
 
-    /// Asked area that the views measure from these poses.
+    /// Asked area that the views of a draw measure.
     fn measured_mm2(
         &self,
         second: &SecondSampling<'_>,
         by_setup: &[UnitedViews<'_>],
-        poses: &[Pose<Part, ScannerFrame>],
+        Draw { poses, displaced }: &Draw,
         ctx: &Context<'_>,
     ) -> Result<f64, Cancelled> {
         // Whether a sample is at risk depends on every view that measures it.
         let needs_rows = !second.params.realism.count_at_risk;
         let (mut measured, nothing) = (self.nothing(), self.nothing());
-        let (mut rows, mut rest) = (Vec::new(), poses);
-        for (setup, together) in second.setups.iter().zip(by_setup) {
+        let (mut rows, mut rest) = (Vec::new(), &poses[..]);
+        for (number, (setup, together)) in second.setups.iter().zip(by_setup).enumerate() {
             let (own, others) = rest.split_at(setup.views.len());
             rest = others;
             for (pose, table_rad) in own.iter().zip(&setup.table_rad) {
                 ctx.check()?;
                 let mut row = together.row(pose, if needs_rows { &nothing } else { &measured })?;
-                setup.keep_in_sight(&self.surface, (pose, *table_rad), &mut row, ctx)?;
+                let view = TakenView { part_from_scanner: pose, displaced: displaced.get(number), table_rad: *table_rad };
+                setup.keep_in_sight(&self.surface, &view, &mut row, ctx)?;
                 measured.insert_all(row.measured());
                 rows.extend(needs_rows.then_some(row));
             }
@@ -155,32 +173,35 @@ fn places(second: &SecondSampling<'_>, kind: u64, draws: u32) -> impl Iterator<I
 }
 
 /// Every view off by an error of its own, from frames of its own in each block.
-fn drawn_views(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Poses> {
+fn drawn_views(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Draw> {
     let poses = |(mut stream, place): (Stream, usize)| {
-        second.views().map(|(_, view)| *view * spread_error(error, place, &Point3::origin(), &mut stream)).collect()
+        let off = |view: &Pose<Part, ScannerFrame>| *view * spread_error(error, place, &Point3::origin(), &mut stream);
+        Draw::of_views(second.views().map(|(_, view)| view).map(off).collect())
     };
     places(second, EACH_VIEW, second.params.robust.draws).map(poses).collect()
 }
 
 /// The part and its support off as one, in each setup by an error of its own: what hides a sample is given in the part's frame,
 /// so that fixture and plate move along.
-fn drawn_parts(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Poses> {
+fn drawn_parts(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Draw> {
     let centre_mm = &second.surface.centre_mm;
     let poses = |(mut stream, place): (Stream, usize)| {
-        let of_setup = |setup: &SetupViews<'_>| {
+        let mut draw = Draw::of_views(Vec::new());
+        for setup in second.setups {
             let error: Pose<Part, Part> = spread_error(error, place, centre_mm, &mut stream);
-            setup.views.iter().map(|view| error * *view).collect::<Poses>()
-        };
-        second.setups.iter().flat_map(of_setup).collect()
+            draw.poses.extend(setup.views.iter().map(|view| error * *view));
+            draw.displaced.push(error.inverse());
+        }
+        draw
     };
     places(second, WHOLE_PART, second.params.robust.part_draws).map(poses).collect()
 }
 
 /// Every view off by the same error in the scanner frame.
-fn drawn_hand_eyes(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Poses> {
+fn drawn_hand_eyes(second: &SecondSampling<'_>, error: &PoseErrorParams) -> Vec<Draw> {
     let poses = |(mut stream, place): (Stream, usize)| {
         let error = spread_error(error, place, &Point3::origin(), &mut stream);
-        second.views().map(|(_, view)| *view * error).collect()
+        Draw::of_views(second.views().map(|(_, view)| *view * error).collect())
     };
     places(second, HAND_EYE, second.params.robust.hand_eye_draws).map(poses).collect()
 }
@@ -207,6 +228,7 @@ fn displaced<Frame>(centre_mm: &Point3<f64>, turn: UnitQuaternion<f64>, shift_mm
 mod tests {
     use std::sync::atomic::AtomicBool;
 
+    use super::super::SetupViews;
     use super::*;
     use crate::geometry::{Mesh, demo_parts};
     use crate::planning::candidates::{looking_along, spiral};
@@ -286,13 +308,13 @@ mod tests {
     }
 
     /// The part and its support off by errors that are drawn one by one.
-    fn independent_parts(second: &SecondSampling<'_>, draws: usize) -> Vec<Poses> {
+    fn independent_parts(second: &SecondSampling<'_>, draws: usize) -> Vec<Draw> {
         let poses = |draw: usize| {
             let mut stream = Stream::new(second.params.seed, &[WHOLE_PART, draw as u64]);
             let turn = UnitQuaternion::from_axis_angle(&stream.direction(), ERROR.angle_deg.to_radians());
             let shift_mm = stream.direction().into_inner() * ERROR.translation_mm;
             let error: Pose<Part, Part> = displaced(&second.surface.centre_mm, turn, shift_mm);
-            second.views().map(|(_, view)| error * *view).collect()
+            Draw::of_views(second.views().map(|(_, view)| error * *view).collect())
         };
         (0..draws).map(poses).collect()
     }
@@ -319,7 +341,7 @@ mod tests {
     #[test]
     fn further_draws_leave_those_before_them_as_they_are() {
         near_the_limit(0.0, |mut second, _| {
-            let kinds: [fn(&SecondSampling<'_>, &PoseErrorParams) -> Vec<Poses>; 3] = [drawn_views, drawn_parts, drawn_hand_eyes];
+            let kinds: [fn(&SecondSampling<'_>, &PoseErrorParams) -> Vec<Draw>; 3] = [drawn_views, drawn_parts, drawn_hand_eyes];
             for kind in kinds {
                 let [some, more] = [8, 20].map(|draws| {
                     let robust = &mut second.params.robust;

@@ -4,9 +4,9 @@
 //! evaluated again on a second set from another seed, as dense up to 400 000 triangles, and denser where a region of interest or a feature
 //! is small, so that each region's share is told by samples of its own. A pose that is off is turned by the whole angle of
 //! `robust.pose_error` about a random axis and moved by its whole distance in a random direction: each view by an error
-//! of its own about the viewpoint, the part with fixture and plate about the centre of its box, or every view by the same error
-//! in the scanner frame. Directions are spread over blocks of six draws, each block with a stream of its own, so that neither
-//! threads nor the number of draws change them (`draws.rs`). Cost: a view of the table for each chosen view, and rays for some
+//! of its own about the viewpoint, the part with fixture and plate, but not the cell's obstacles, about the centre of its box, or every
+//! view by the same error in the scanner frame. Directions are spread over blocks of six draws, each block with a stream of its own, so
+//! that neither threads nor the number of draws change them (`draws.rs`). Cost: a view of the table for each chosen view, and rays for some
 //! ten thousand samples for each draw.
 
 mod draws;
@@ -41,6 +41,17 @@ const SAMPLES_OF_A_REGION: usize = 475;
 /// Name of the second samples among what is hashed with the seed.
 const SECOND_SAMPLES: u64 = 0x7365_636f_6e64;
 
+/// A view as it is taken.
+#[derive(Clone, Copy)]
+struct TakenView<'a> {
+    /// Pose in the frame of the part as it lies.
+    part_from_scanner: &'a Pose<Part, ScannerFrame>,
+    /// Pose of the part as it lies in the frame of the planned one, where that is another.
+    displaced: Option<&'a Pose<Part, Part>>,
+    /// Table angle; `None` without a cell.
+    table_rad: Option<f64>,
+}
+
 /// Views that are taken while the part lies in one way.
 pub(super) struct SetupViews<'a> {
     pub(super) occluders: &'a Occluders,
@@ -68,23 +79,22 @@ impl<'a> SetupViews<'a> {
         ctx: &Context<'_>,
     ) -> Result<Vec<Row>, Cancelled> {
         for ((row, pose), table_rad) in rows.iter_mut().zip(poses).zip(&self.table_rad) {
-            self.keep_in_sight(surface, (pose, *table_rad), row, ctx)?;
+            let view = TakenView { part_from_scanner: pose, displaced: None, table_rad: *table_rad };
+            self.keep_in_sight(surface, &view, row, ctx)?;
         }
         Ok(rows)
     }
 
-    /// Takes out of the row of one of the views, which stands at `pose` and is taken at this table angle, what obstacles of the cell
-    /// hide.
-    fn keep_in_sight(
-        &self,
-        surface: &Surface,
-        (pose, table_rad): (&Pose<Part, ScannerFrame>, Option<f64>),
-        row: &mut Row,
-        ctx: &Context<'_>,
-    ) -> Result<(), Cancelled> {
+    /// Takes out of the row of one of the views what obstacles of the cell hide.
+    fn keep_in_sight(&self, surface: &Surface, view: &TakenView<'_>, row: &mut Row, ctx: &Context<'_>) -> Result<(), Cancelled> {
         let sight = self.sight.filter(|sight| !sight.has_no_obstacles());
+        let TakenView { part_from_scanner: pose, displaced, table_rad } = *view;
         let Some((sight, table_rad)) = sight.zip(table_rad) else { return Ok(()) };
-        if let Some(hidden) = sight.hidden(surface, pose, row.measured(), table_rad, ctx)? {
+        let hidden = match displaced {
+            Some(displaced) => sight.hidden_of_displaced(surface, (pose, displaced), row.measured(), table_rad, ctx)?,
+            None => sight.hidden(surface, pose, row.measured(), table_rad, ctx)?,
+        };
+        if let Some(hidden) = hidden {
             *row = row.without(&hidden);
         }
         Ok(())

@@ -70,6 +70,24 @@ fn hides(sight: &Sight, surface: &Surface, view: &Pose<Part, ScannerFrame>, meas
     sight.hides(surface, view, measured, table_rad, &Context::new(&flag, &Silent))
 }
 
+/// Obstacles once moved along with a part that lay displaced: a plan that loses nothing by that was told to lose 7.5 points.
+#[test]
+fn obstacles_stay_where_they_are_beside_a_part_that_lies_displaced() {
+    let (mesh, surface) = part();
+    let cell = cell(&[([-10.0, 5.0, TOP_MM + 200.0], [30.0, 24.0, 1e-3])]);
+    let (flag, measured) = (AtomicBool::new(false), top(&surface));
+    let ctx = Context::new(&flag, &Silent);
+    let planned = sight(&cell, &mesh);
+    let as_planned = hidden(&planned, &surface, &view(), &measured, 0.0);
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 0.03);
+    let displaced = Isometry3::from_parts(Vector3::new(9.0, -6.0, 2.0).into(), turn);
+    let found = planned.hidden_of_displaced(&surface, (&view(), &Pose::claim(displaced)), &measured, 0.0, &ctx);
+    let found = found.expect("not cancelled");
+    let placed_so = Sight::new(&cell, &mesh.aabb(), &Pose::claim(displaced), &ctx).expect("not cancelled");
+    assert_eq!(found, hidden(&placed_so, &surface, &view(), &measured, 0.0));
+    assert!(found.is_some() && found != as_planned, "the shadow lies elsewhere on the part");
+}
+
 #[test]
 fn a_plate_in_between_hides_its_shadows_from_the_three_devices_at_every_table_angle() {
     let ((mesh, surface), height_mm) = (part(), 200.0);
