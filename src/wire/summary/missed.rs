@@ -270,7 +270,7 @@ impl MissedGroup {
         let command = if shown.is_empty() { left_out.to_owned() } else { format!("{left_out}: {}", options(&shown)) };
         let [partial, recovers] = match (self.fix, &self.partial_text) {
             (Some(RemedyKind::None) | None, _) => [String::new(), String::new()],
-            (Some(_), Some(partial)) => [format!("{partial}: "), String::new()],
+            (Some(_), Some(partial)) => [format!("{partial}{}: ", self.elsewhere()), String::new()],
             (Some(_), None) => [String::new(), format!("; recovers {}{}", self.recovers(), self.elsewhere())],
         };
         format!(
@@ -283,10 +283,12 @@ impl MissedGroup {
         )
     }
 
-    /// Remark on a fix that a higher target asks for: a plan meets it by whatever surface is easiest to measure.
+    /// Remark on a fix that asks for more views by the rules that end a choice: a plan takes them for whatever surface is easiest to
+    /// measure.
     fn elsewhere(&self) -> &'static str {
         let target = self.set.get(TARGET).and_then(Value::as_f64);
-        if target.is_some_and(|target| target < 1.0) { ", there or elsewhere" } else { "" }
+        let asks_for_more = [TARGET, VIEW_LIMIT, GROWTH].iter().any(|rule| self.set.contains_key(*rule));
+        if asks_for_more && target.is_none_or(|target| target < 1.0) { ", there or elsewhere" } else { "" }
     }
 
     /// Options of the command line that ask for the fix; `None` if no parameter does.
