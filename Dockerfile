@@ -34,6 +34,8 @@ USER 65532:65532
 VOLUME ["/data"]
 EXPOSE 8080
 STOPSIGNAL SIGTERM
+# Large allocations in huge pages where the host offers them on request (glibc 2.35 or later): large parts are planned in less time.
+ENV GLIBC_TUNABLES=glibc.malloc.hugetlb=1
 # A large database takes minutes to open; a success before the period ends counts at once.
 HEALTHCHECK --interval=15s --timeout=5s --start-period=10m --retries=3 \
     CMD ["/usr/local/bin/vantage", "healthcheck", "--url", "http://127.0.0.1:8080"]
