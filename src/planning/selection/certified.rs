@@ -35,8 +35,8 @@ pub(super) fn select(
     ctx: &Context<'_>,
 ) -> Result<OpenSelection, Cancelled> {
     let scorer = Scorer::new(problem, params, weights, ctx.simd_level());
-    let start = floor.map(|floor| &floor.start);
-    let mut found = local::search(&scorer, params, (start, None), &mut Budget::of(params), ctx)?;
+    let (start, grade_a) = (floor.map(|floor| &floor.start), floor.map(GradeFloor::goal_of_grade_a));
+    let mut found = local::search(&scorer, params, (start, grade_a), &mut Budget::of(params), ctx)?;
     let overlap = Overlap::new(problem, &params.overlap);
     let mut proof = Proof { problem, overlap: &overlap, left: u64::from(params.work_limit) * 1_000_000, ctx };
     let bound = if is_for_coverage(params) {
@@ -47,13 +47,7 @@ pub(super) fn select(
     let rows = problem.measured(&found.rows.best);
     let goals = goals_of(problem, &rows, is_for_coverage(params));
     let exchange = Exchange { problem, goals: &goals, overlap: &overlap };
-    let views = local::best_scored(
-        &scorer,
-        &exchange,
-        (found.rows.best, floor.map(GradeFloor::goal_of_grade_a)),
-        &mut Budget { left: u64::MAX },
-        ctx,
-    )?;
+    let views = local::best_scored(&scorer, &exchange, (found.rows.best, grade_a), &mut Budget { left: u64::MAX }, ctx)?;
     // Fewer views that measure what all that may be chosen did: those that they save are there for more of the goals. Others may
     // add enough to them, though none did to greedy's.
     let may_go_on = match found.stopped_because {

@@ -146,8 +146,8 @@ impl GradeFloor {
 
 /// Raises the floor under grade A to the share that is asked for. Views join `start`, each the one that adds most at grade A of those that
 /// overlap the others as is asked for, until they give as much, none adds [`MIN_ADDED`] of the asked area, or there may be no more; the
-/// floor is what they give at most. Where greedy's views are as many as there may be, the floor is what is asked for: exchanges then miss
-/// the goals by as little as they can. `rows` are those with twins, `goals` the others.
+/// floor is what they give at most. Where they are as many as there may be and give less, the floor is what is asked for: exchanges then
+/// miss it by as little as they can. `rows` are those with twins, `goals` the others.
 fn raise(
     grade_a: &mut Goal<'_>,
     start: &mut Cover,
@@ -178,11 +178,13 @@ fn raise(
         chosen.push(row);
         start.choices.push(Choice { row, gain_mm2: 0.0, score: 0.0 });
     }
-    let is_limited = start.stopped_because == StopReason::MaxViews;
+    let is_limited = covered_mm2 < needed_mm2 && chosen.len() >= max_views(params);
     grade_a.needed_mm2 = grade_a.needed_mm2.max(if is_limited { needed_mm2 } else { needed_mm2.min(covered_mm2) });
     let taken: Vec<&Row> = chosen.iter().map(|row| &rows[row.index()]).collect();
     let is_met = |goal: &Goal<'_>| coverable_mm2(&taken, &goal.area_mm2) >= goal.needed_mm2 * (1.0 - greedy::SUM_SLACK);
-    if goals.iter().all(is_met) {
+    if is_limited {
+        start.stopped_because = StopReason::MaxViews;
+    } else if goals.iter().all(is_met) {
         start.stopped_because = StopReason::Target;
     }
     Ok(())

@@ -21,7 +21,7 @@ use super::{Cover, CoverProblem, StopReason, is_for_coverage, max_views};
 use crate::geometry::{SimdLevel, parallel};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{RowIndex, ViewId};
-use crate::planning::params::SelectionParams;
+use crate::planning::params::{SelectionParams, Solver};
 use crate::planning::visibility::Row;
 
 /// Work of an attempt with one view less: pairs of sample and row evaluated.
@@ -78,10 +78,12 @@ pub(super) fn search(
     ctx: &Context<'_>,
 ) -> Result<LocalOptimum, Cancelled> {
     let problem = scorer.problem;
-    let (found, goals) = fewest(scorer, params, start, budget, ctx)?;
+    let (found, goals) = fewest(scorer, params, (start, grade_a), budget, ctx)?;
     let overlap = Overlap::new(problem, &params.overlap);
     let exchange = Exchange { problem, goals: &goals, overlap: &overlap };
-    let rows = best_scored(scorer, &exchange, (found.rows.best, grade_a), budget, ctx)?;
+    // Certified looks for more at grade A after its proof.
+    let raised = grade_a.filter(|_| params.solver != Solver::Certified);
+    let rows = best_scored(scorer, &exchange, (found.rows.best, raised), budget, ctx)?;
     Ok(LocalOptimum { rows, ..found })
 }
 
@@ -125,11 +127,11 @@ pub(super) fn best_scored(
     Ok(ScoredViews { best, before_raise })
 }
 
-/// The fewest views that exchanges find, whatever their score, and the goals that they meet.
+/// The fewest views that exchanges find, whatever their score, and the goals that they meet. `grade_a` as in [`best_scored`].
 pub(super) fn fewest(
     scorer: &Scorer<'_>,
     params: &SelectionParams,
-    start: Option<&Cover>,
+    (start, grade_a): (Option<&Cover>, Option<usize>),
     budget: &mut Budget,
     ctx: &Context<'_>,
 ) -> Result<(LocalOptimum, Vec<Units>), Cancelled> {
@@ -146,7 +148,7 @@ pub(super) fn fewest(
         goals.iter_mut().for_each(|goal| goal.needed = goal.total);
     }
     if limited && !rows.is_empty() {
-        rows = Exchange { problem, goals: &goals, overlap: &overlap }.run(rows, 0, budget, ctx)?;
+        rows = Exchange { problem, goals: &goals, overlap: &overlap }.with_less_missed(rows, grade_a, budget, ctx)?;
     }
     let measured = problem.measured(&rows);
     goals.iter_mut().for_each(|goal| goal.clamp_to(&measured));
@@ -207,6 +209,30 @@ impl Exchange<'_> {
             }
         }
         Ok(None)
+    }
+
+    /// Exchanges as many views as there may be until they miss the goals by as little as is found. Nothing that `rows` measure of the
+    /// goals before the floor under grade A is given up for it: with a floor that is too high for that, attempts go half as far.
+    fn with_less_missed(
+        &self,
+        rows: Vec<RowIndex>,
+        grade_a: Option<usize>,
+        budget: &mut Budget,
+        ctx: &Context<'_>,
+    ) -> Result<Vec<RowIndex>, Cancelled> {
+        let Some(grade_a) = grade_a.filter(|place| *place < self.goals.len()) else { return self.run(rows, 0, budget, ctx) };
+        let measured = self.problem.measured(&rows);
+        let kept: Vec<i64> = self.goals.iter().map(|goal| goal.covered_by(&measured).min(goal.needed)).collect();
+        let mut goals = self.goals.to_vec();
+        for attempt in 0..MAX_RAISES {
+            let found = Exchange { goals: &goals, ..*self }.run(rows.clone(), attempt, budget, ctx)?;
+            let measured = self.problem.measured(&found);
+            if self.goals.iter().zip(&kept).take(grade_a).all(|(goal, kept)| goal.covered_by(&measured) >= *kept) {
+                return Ok(found);
+            }
+            goals[grade_a].needed = i64::midpoint(goals[grade_a].needed, kept[grade_a]);
+        }
+        Ok(rows)
     }
 
     /// Removes redundant views, the last first, as long as the goals stay met.

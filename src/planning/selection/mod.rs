@@ -238,9 +238,10 @@ pub(in crate::planning) fn first_choice(
     let floor = GradeFloor::of(problem, params, score, None, ctx)?;
     let needs = floor.as_ref().map(GradeFloor::needs);
     let with_floor = floor.as_ref().map(|floor| floor.problem(problem));
-    let (problem, start) = (with_floor.as_ref().unwrap_or(problem), floor.as_ref().map(|floor| &floor.start));
+    let (problem, floor) = (with_floor.as_ref().unwrap_or(problem), floor.as_ref());
     let scorer = score::Scorer::new(problem, params, score, ctx.simd_level());
-    let (found, _) = local::fewest(&scorer, params, start, &mut local::Budget::of(params), ctx)?;
+    let from = (floor.map(|floor| &floor.start), floor.map(GradeFloor::goal_of_grade_a));
+    let (found, _) = local::fewest(&scorer, params, from, &mut local::Budget::of(params), ctx)?;
     Ok(FirstChoice { rows: found.rows.best, floors: Floors::Needed(needs) })
 }
 
