@@ -500,6 +500,15 @@ impl PartParams {
 }
 
 impl PlanParams {
+    /// Returns true if advice on the plan as a whole is tried: it is asked for, and views are not chosen by what they measure under
+    /// errors too, need not overlap, and area at risk counts.
+    #[must_use]
+    pub fn tries_advice(&self) -> bool {
+        let tolerates_errors = self.robust.select && self.robust.pose_error.is_some();
+        let overlaps = self.selection.overlap != OverlapParams::default();
+        self.missed.advice && self.realism.count_at_risk && !tolerates_errors && !overlaps
+    }
+
     /// Material of what no region of `materials` holds; `None` where brightness enters no figure, since nothing is said of it.
     #[must_use]
     pub fn material_of_part(&self) -> Option<Material> {

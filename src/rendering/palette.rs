@@ -38,7 +38,9 @@ impl MissGroup {
             Cause::Facing => Self::Facing,
             Cause::Depth => Self::Depth,
             Cause::FrameLeft | Cause::FrameRight | Cause::FrameProjector => Self::Frame,
-            Cause::IncidenceLeft | Cause::IncidenceRight | Cause::IncidenceProjector | Cause::BelowGrade => Self::Incidence,
+            Cause::IncidenceLeft | Cause::IncidenceRight | Cause::IncidenceProjector | Cause::Exposure | Cause::BelowGrade => {
+                Self::Incidence
+            }
             Cause::ShadowLeft | Cause::ShadowRight | Cause::ShadowProjector => Self::Shadow,
             Cause::Unreachable | Cause::Collision | Cause::HiddenByCell | Cause::NoPath => Self::Reach,
             Cause::NotChosen | Cause::AtRisk => Self::NotChosen,
@@ -220,7 +222,7 @@ impl Ink {
             Self::NotAsked => "Not asked for",
             Self::Back => "Inner side of an open surface",
             Self::Missed(MissGroup::Shadow) => "Missed: in shadow",
-            Self::Missed(MissGroup::Incidence) => "Missed: too oblique",
+            Self::Missed(MissGroup::Incidence) => "Missed: too oblique, or not measured well enough",
             Self::Missed(MissGroup::Facing) => "Missed: faces away",
             Self::Missed(MissGroup::Frame) => "Missed: outside the image",
             Self::Missed(MissGroup::Depth) => "Missed: outside the working depth",

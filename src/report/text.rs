@@ -23,8 +23,8 @@ use crate::wire::warnings::{FieldWarning, WarningCode, of_robust, parameter_of};
 use crate::wire::words::{
     ChoiceRules, MEANING_OF_INDEPENDENT, MEANING_OF_REACH_IGNORED, MEASURED_OF_COVERABLE, NOTHING_IN_REGION, advice_sentence,
     apart_mm, area_mm2, asked_name, at_risk_sentence, bounded_moves, cause_phrase, changed_params, counted, first_lie,
-    fix_sentence, fixed, fixed_nonzero, headline, lie_phrase, limits_mm, noise_remark, of_asked_phrase, order_claim, path_remedy,
-    percent_below, pose_error_sizes, region_verdict, risk_meaning, stability_sentence, treated_spots,
+    fix_sentence, fixed, fixed_nonzero, headline, lie_phrase, limits_mm, noise_remark, of_asked_phrase, order_claim,
+    percent_below, pose_error_sizes, region_verdict, risk_meaning, stability_sentence, treated_spots, untried_remedy,
 };
 
 /// Words on a region of which earlier scans left nothing open.
@@ -395,12 +395,12 @@ fn home_remedy(cause: Cause, warnings: &[FieldWarning]) -> Option<String> {
     (cause == Cause::NoPath).then(|| blocked.remedy.replace('`', ""))
 }
 
-/// Fix of area that is missed for want of a path, in plain text: what mends the home where that is blocked; else, where no remedy helps,
-/// what keeps most candidates from a path. `None` for other causes.
+/// Fix of area in plain text that views do not give: what mends the home where that is blocked and area is missed for want of a path; else,
+/// where no remedy helps, what was not tried. `None` where neither applies.
 pub(super) fn cell_remedy(plan: &Plan, missed: (Cause, Option<&Remedy>), warnings: &[FieldWarning]) -> Option<String> {
     let (cause, remedy) = missed;
     let mends_nothing = remedy.is_none_or(|remedy| remedy.kind == RemedyKind::None);
-    home_remedy(cause, warnings).or_else(|| path_remedy(plan, cause).filter(|_| mends_nothing))
+    home_remedy(cause, warnings).or_else(|| untried_remedy(plan, cause).filter(|_| mends_nothing))
 }
 
 /// The largest spots of all with what would cure them.

@@ -9,7 +9,7 @@ use crate::geometry::{Part, Pose, Table};
 pub(crate) use crate::geometry::{counted, listed};
 use crate::inspection::rescan::RescanStop;
 use crate::planning::context::NoPlan;
-use crate::planning::params::{Corners, OverlapParams, PlanParams, PoseErrorParams, RealismParams, SelectionGoal};
+use crate::planning::params::{Brightness, Corners, OverlapParams, PlanParams, PoseErrorParams, RealismParams, SelectionGoal};
 use crate::planning::plan::Stability;
 use crate::planning::plan::{
     Advice, Cause, MissedCause, MissedSpot, PartSide, Plan, RegionCoverage, Remedy, RemedyKind, RemedyView, RiskReason,
@@ -225,6 +225,7 @@ pub fn cause_phrase(cause: Cause) -> &'static str {
         Cause::ShadowLeft => "hidden from the left camera",
         Cause::ShadowRight => "hidden from the right camera",
         Cause::ShadowProjector => "in the projector's shadow",
+        Cause::Exposure => "too dark or saturated",
         Cause::BelowGrade => "not measured well enough",
         Cause::Unreachable => "out of the robot's reach",
         Cause::Collision => "collision",
@@ -475,9 +476,26 @@ pub fn advice_sentence(advice: &Advice) -> String {
     text.to_owned()
 }
 
+/// Remedy that views do not give and that was not tried, in plain text: of area that is too dark or saturated, and of area that is missed
+/// for want of a path. `None` for other causes.
+pub(crate) fn untried_remedy(plan: &Plan, cause: Cause) -> Option<String> {
+    let of_exposure = (cause == Cause::Exposure).then(|| exposure_remedy(plan.params.scan.brightness));
+    of_exposure.or_else(|| path_remedy(plan, cause))
+}
+
+/// Remedy of area that is too dark or saturated at the brightness of a plan, in plain text.
+pub(crate) fn exposure_remedy(brightness: Brightness) -> String {
+    match brightness {
+        Brightness::Level(level) => {
+            format!("let each view have its own brightness in place of {level} for all (--set scan.brightness=auto)")
+        }
+        Brightness::Auto => "coat it with matting spray, or check its entry in materials: no brightness suits it".to_owned(),
+    }
+}
+
 /// Remedy of area that is missed for want of a path, in a plan that ended for that, in plain text: advice on the two bodies that meet on
 /// the straight move to most candidates. `None` for other causes and plans, and where none meet.
-pub(crate) fn path_remedy(plan: &Plan, cause: Cause) -> Option<String> {
+fn path_remedy(plan: &Plan, cause: Cause) -> Option<String> {
     if cause != Cause::NoPath || plan.stopped_because != StopReason::NoPath {
         return None;
     }

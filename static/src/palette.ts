@@ -8,7 +8,7 @@ export const css = ([r, g, b]: Rgb): string => `rgb(${r} ${g} ${b})`;
 export const GRADES: Record<string, Rgb> = { A: rgb("#0018b1"), B: rgb("#19dd7c"), C: rgb("#ffef14"), D: rgb("#b33107") };
 const CAUSES: [RegExp, Rgb][] = [
   [/^shadow_/, rgb("#1d62e8")],
-  [/^(incidence_|below_grade$)/, rgb("#ae7300")],
+  [/^(incidence_|exposure$|below_grade$)/, rgb("#ae7300")],
   [/^facing$/, rgb("#12e58b")],
   [/^frame_/, rgb("#542c00")],
   [/^depth$/, rgb("#f7f704")],

@@ -418,6 +418,7 @@ export const text = {
     shadow_left: "hidden from the left camera",
     shadow_right: "hidden from the right camera",
     shadow_projector: "in the projector's shadow",
+    exposure: "too dark or saturated",
     below_grade: "not measured well enough",
     unreachable: "out of the robot's reach",
     collision: "collision",

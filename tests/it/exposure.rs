@@ -7,10 +7,11 @@ use vantage::geometry::Mesh;
 use vantage::geometry::demo_parts::DemoPart;
 use vantage::planning::ids::SampleId;
 use vantage::planning::params::{Brightness, PlanParams, Region, RegionMaterialParams};
-use vantage::planning::plan::{Outcome, PlannedView};
+use vantage::planning::plan::{Cause, Outcome, PlannedView};
 use vantage::planning::surface::Surface;
 use vantage::planning::surface::requirements::Requirements;
 use vantage::planning::visibility::{self, Occluders};
+use vantage::wire::summary::Summary;
 
 use crate::support::{box_mesh, context, nominal_scanner, plan_viewpoints};
 
@@ -275,4 +276,25 @@ fn a_plan_that_knows_nothing_of_materials_says_nothing_of_brightness() {
     let json = serde_json::to_value(&outcome.plan.params).expect("JSON");
     assert!(json.get("materials").is_none() && json["scan"].get("ambient").is_none(), "{json}");
     assert_eq!(json["scan"]["brightness"], 5);
+}
+
+/// Surface that no capture is bright enough for was told as "not measured well enough", for which finer scanners are looked for.
+#[test]
+fn what_is_too_dark_at_the_brightness_of_a_plan_is_missed_for_that_and_the_fix_is_another_brightness() {
+    let (mesh, scanner) = (box_mesh([0.0; 3], [60.0, 40.0, 20.0]), nominal_scanner());
+    let planned = |brightness: Brightness| {
+        let mut params = params(brightness);
+        params.materials.albedo = Some(0.9);
+        let top = Region::Box { min_mm: [-1.0, -1.0, 19.9], max_mm: [61.0, 41.0, 21.0] };
+        params.materials.regions =
+            vec![RegionMaterialParams { region: top, finish: None, albedo: Some(0.05), gloss: None, lobe_deg: None }];
+        plan_viewpoints(&mesh, &scanner, &params).plan
+    };
+    let dark = planned(Brightness::Level(1));
+    let top = dark.missed.iter().find(|missed| missed.cause == Cause::Exposure).expect("the dark top");
+    assert!((top.area_mm2 / 2400.0 - 1.0).abs() < 0.02, "{} mm²", top.area_mm2);
+    let summary = Summary::of(&dark);
+    let group = summary.missed.iter().find(|group| group.reason == Cause::Exposure).expect("its group");
+    assert!(group.text.contains("too dark or saturated: let each view have its own brightness in place of 1"), "{}", group.text);
+    assert!(planned(Brightness::Auto).missed.iter().all(|missed| missed.cause != Cause::Exposure));
 }

@@ -37,7 +37,7 @@ use std::sync::Arc;
 
 use super::context::{Cancelled, Context, PlanError};
 use super::ids::{CandidateIndex, RowIndex, SampleId};
-use super::params::{MotionParams, Objective, OverlapParams, ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
+use super::params::{MotionParams, Objective, ScoreParams, SelectionGoal, SelectionParams, Solver, TargetOf};
 use super::plan::{Cause, Outcome, PlanAdvice, PlannedView, Verdict, ViewId};
 use super::problem::{ChosenViews, SampledPart, ViewPlanningProblem};
 use super::scene::PlanInput;
@@ -93,9 +93,7 @@ impl Basis {
         excluded: &BTreeSet<CandidateIndex>,
         ctx: &Context<'_>,
     ) -> Result<Option<Self>, Cancelled> {
-        let params = problem.params;
-        let overlaps = params.selection.overlap != OverlapParams::default();
-        if !params.missed.advice || !params.realism.count_at_risk || problem.tolerates_errors() || overlaps {
+        if !problem.params.tries_advice() {
             return Ok(None);
         }
         let samples = problem.asked_area_mm2.len();

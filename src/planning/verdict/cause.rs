@@ -35,6 +35,8 @@ closed_list! {
         ShadowRight = "shadow_right",
         /// Hidden from the projector.
         ShadowProjector = "shadow_projector",
+        /// Too dark or saturated at every brightness level that is allowed.
+        Exposure = "exposure",
         /// Measured, but not as well as is asked: worse than the grade, noisier or sparser.
         BelowGrade = "below_grade",
         /// Measured only by views out of the robot's reach.

@@ -15,6 +15,7 @@ pub(super) mod view;
 
 use std::convert::Infallible;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU8, Ordering};
 
 use rayon::prelude::*;
 
@@ -170,22 +171,18 @@ fn apply_requirements(
     optics: &Optics,
     ctx: &Context<'_>,
 ) -> Result<(), Cancelled> {
+    let furthest: Vec<AtomicU8> = table.furthest_cause.iter().map(|cause| AtomicU8::new(*cause as u8)).collect();
     let held = table.rows.par_iter().zip(views).map(|(row, pose)| {
         ctx.check()?;
         let view = optics.at(pose);
         Ok(row.regraded(|sample, quality| {
-            let normal = &surface.patch_of(sample).normal;
-            view.counted_quality(&surface.sample_mm[sample.index()], normal, quality, surface.requirements.kind(sample))
+            let (mm, normal) = (&surface.sample_mm[sample.index()], &surface.patch_of(sample).normal);
+            let counted = view.counted_quality(mm, normal, quality, surface.requirements.kind(sample));
+            counted.map_err(|cause| furthest[sample.index()].fetch_max(cause as u8, Ordering::Relaxed)).ok()
         }))
     });
-    let held = held.collect::<Result<Vec<_>, Cancelled>>()?;
-    for (row, held) in table.rows.iter().zip(&held) {
-        // The last cause that a view's optics can give: no other view gets further.
-        let mut lost = row.measured().clone();
-        lost.remove_all(held.measured());
-        lost.iter().for_each(|sample| table.furthest_cause[sample.index()] = Cause::BelowGrade);
-    }
-    table.rows = held;
+    table.rows = held.collect::<Result<Vec<_>, Cancelled>>()?;
+    table.furthest_cause = furthest.into_iter().map(|cause| Cause::ALL[usize::from(cause.into_inner())]).collect();
     Ok(())
 }
 

@@ -79,8 +79,7 @@ impl<'a> Probe<'a> {
         }
         let counted = |(result, point): (&mut Result<f32, Cause>, &AskedPoint)| {
             let AskedPoint { mm, normal, kind } = point;
-            let counted = |quality| self.view.counted_quality(mm, normal, quality, *kind).ok_or(Cause::BelowGrade);
-            *result = result.and_then(counted);
+            *result = result.and_then(|quality| self.view.counted_quality(mm, normal, quality, *kind));
         };
         results.iter_mut().zip(points).for_each(counted);
         results

@@ -94,7 +94,7 @@ impl<'a> UnitedViews<'a> {
         let view = self.optics.at(pose);
         Ok(row.regraded(|sample: SampleId, quality| {
             let normal = &self.surface.patch_of(sample).normal;
-            view.counted_quality(&self.surface.sample_mm[sample.index()], normal, quality, requirements.kind(sample))
+            view.counted_quality(&self.surface.sample_mm[sample.index()], normal, quality, requirements.kind(sample)).ok()
         }))
     }
 }

@@ -322,19 +322,22 @@ impl View<'_> {
         Lighting { cos_projector, nearness: self.optics.exposure.best_mm / distance_mm, mirror_rad }
     }
 
-    /// The quality by which a sample that is measured counts; `None` if it is not measured as well as is asked, or at no brightness
-    /// level. Inside the mirror cone of a glossy surface it is the least that there is: a view from elsewhere is better.
-    pub(super) fn counted_quality(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, kind: u16) -> Option<f32> {
+    /// The quality by which a sample that is measured counts, or the cause for which it does not: it is lit at no brightness level, or not
+    /// measured as well as is asked. Inside the mirror cone of a glossy surface it is the lowest that there is: a view from elsewhere is
+    /// better.
+    pub(super) fn counted_quality(&self, p: &Point3<f64>, normal: &Vector3<f64>, quality: f32, kind: u16) -> Result<f32, Cause> {
         let requirement = &self.optics.requirements[usize::from(kind)];
         let Some(material) = &requirement.material else {
-            return self.meets_requirement(p, normal, quality, kind).then_some(quality);
+            return self.meets_requirement(p, normal, quality, kind).then_some(quality).ok_or(Cause::BelowGrade);
         };
         let (light, lighting) = (&self.optics.exposure, self.lighting(p, normal));
         let range = light.exposure.levels(material, &lighting, light.ambient);
         let in_lobe = material.gloss > 0.0 && lighting.mirror_rad.iter().any(|angle_rad| *angle_rad < material.lobe_rad);
         let quality = if in_lobe { -(self.optics.angle_weight + self.optics.distance_weight) as f32 } else { quality };
-        let counts = range.is_lit_at_any(light.levels.clone()) && self.meets_requirement(p, normal, quality, kind);
-        counts.then_some(quality)
+        if !range.is_lit_at_any(light.levels.clone()) {
+            return Err(Cause::Exposure);
+        }
+        self.meets_requirement(p, normal, quality, kind).then_some(quality).ok_or(Cause::BelowGrade)
     }
 
     /// Returns true if a sample that is measured is measured as well as is asked.

@@ -24,7 +24,7 @@ use crate::planning::plan::{Advice, CandidateCounts, Cause, Obstruction, Turn, s
 use crate::planning::surface::{self, Surface};
 use crate::planning::{PlanInput, resolve, resting};
 use crate::rendering::{BodyRole, Camera, DrawnModel, Ink, MissGroup, SampledModel, Seen, Shading};
-use crate::wire::words::{advice_sentence, apart_mm, first_lie, fixed, no_plan_sentence, rounded_up_mm};
+use crate::wire::words::{advice_sentence, apart_mm, exposure_remedy, first_lie, fixed, no_plan_sentence, rounded_up_mm};
 
 /// Pairs of bodies that have pictures.
 const PICTURED: usize = 4;
@@ -121,6 +121,7 @@ impl NoPlanInput<'_> {
             (Some(Cause::Unreachable), _) => {
                 "move the table or the part closer to the robot; `vantage study reach` compares layouts".to_owned()
             }
+            (Some(Cause::Exposure), _) => exposure_remedy(self.params.scan.brightness),
             (_, Some(obstruction)) => format!("{}: {}", obstruction.bodies, advice_sentence(&obstruction.advice)),
             (Some(Cause::Depth | Cause::FrameLeft | Cause::FrameRight | Cause::FrameProjector), None) => {
                 "check the size of the part: was it read in the right unit?".to_owned()

@@ -2,7 +2,7 @@
 
 use super::markup::{escape, number};
 use crate::cell::{OpticalDevice, Scanner};
-use crate::planning::params::{LimitParams, PlanParams};
+use crate::planning::params::{Brightness, LimitParams, PlanParams};
 use crate::planning::plan::{Cause, Remedy, RemedyKind, RiskReason};
 use crate::planning::verdict::Rejection;
 use crate::wire::words::{
@@ -72,6 +72,10 @@ pub(super) fn cause_meaning(cause: Cause, scanner: &Scanner, params: &PlanParams
         Cause::ShadowLeft => "The part itself or its fixture hides the point from the left camera.".into(),
         Cause::ShadowRight => "The part itself or its fixture hides the point from the right camera.".into(),
         Cause::ShadowProjector => "The part itself or its fixture hides the point from the projector.".into(),
+        Cause::Exposure => match params.scan.brightness {
+            Brightness::Level(level) => format!("The point is too dark or saturated at brightness {level}, the one of every view."),
+            Brightness::Auto => "The point is too dark or saturated at every brightness.".into(),
+        },
         Cause::BelowGrade => "The point is seen, but not well enough: its grade, noise or density misses the requirement.".into(),
         Cause::Unreachable => "Viewpoints that would measure it are out of the robot’s reach at every table angle.".into(),
         Cause::Collision => format!(

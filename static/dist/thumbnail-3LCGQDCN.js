@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-5PFLDSEQ.js";import"./chunk-WLVDOSYS.js";import"./chunk-J4KSYOYS.js";import"./chunk-VJO52RIK.js";import"./chunk-CNIQXZLE.js";import"./chunk-5VXSSS63.js";export{a as drawThumbnail,b as drawTurned};
