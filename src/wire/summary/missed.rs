@@ -14,8 +14,8 @@ use crate::planning::plan::{AdviceKind, Cause, MissedSpot, Plan, PlanAdvice, Rem
 use crate::wire::plan::{AdviceDocument, options};
 use crate::wire::total::total;
 use crate::wire::words::{
-    ChoiceRules, area_mm2, cause_phrase, counted, none_found, of_asked_phrase, partial_of_spots, path_remedy, percent_below,
-    rounded_down_deg, rounded_to, turn_phrase,
+    ChoiceRules, area_mm2, cause_phrase, counted, none_found, of_asked_phrase, partial_of_spots, percent_below, rounded_down_deg,
+    rounded_to, turn_phrase, untried_remedy,
 };
 
 /// Largest number of setups of a plan: the range of `setups`.
@@ -37,8 +37,8 @@ const CAMERA_LIMIT: &str = "limits.camera_deg";
 const PROJECTOR_LIMIT: &str = "limits.projector_deg";
 /// Fix of area that no view sees from outside.
 const EXCLUDE_ENCLOSED: &str = "no view can see it; exclude it if it need not be measured (regions.exclude)";
-/// Steps of a target in one: three decimals.
-const TARGET_STEPS: f64 = 1e3;
+/// Steps of a target in one: of a spot of 0.1 % of the asked area, rounding leaves out a tenth.
+const TARGET_STEPS: f64 = 1e4;
 
 /// Missed spots of the same cause and the same fix.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -228,7 +228,7 @@ fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) ->
     let kind = fix.map(|fix| if without_path.is_some() { RemedyKind::None } else { fix.kind });
     let is_partial = fix.is_some_and(|fix| !fix.works) && kind != Some(RemedyKind::None);
     let mends_nothing = fix.is_none_or(|fix| fix.kind == RemedyKind::None);
-    let of_path = if mends_nothing { path_remedy(plan, cause) } else { None };
+    let untried = if mends_nothing { untried_remedy(plan, cause) } else { None };
     let mut group = MissedGroup {
         reason: cause,
         spots: spots.len(),
@@ -236,7 +236,7 @@ fn group(plan: &Plan, cause: Cause, fix: Option<&Fix>, spots: &[&MissedSpot]) ->
         of_asked: share(area_mm2, plan.coverage.asked_area_mm2),
         fix: kind,
         fix_known: fix.is_some_and(|fix| fix.works),
-        fix_text: of_path.unwrap_or(fix_words) + own_plan_remark(&set),
+        fix_text: untried.unwrap_or(fix_words) + own_plan_remark(&set),
         partial_text: is_partial.then(|| partial_of_spots(spots.len(), area_mm2, recovers_mm2)),
         recovers_mm2,
         added_views: views.len(),
@@ -262,11 +262,11 @@ impl MissedGroup {
     /// The group in one sentence: `12 spots, 7.80 % of asked, hidden from the left camera: …`. The share of a fix that does not work for
     /// each of the spots comes before the fix.
     fn sentence(&self, is_of_open: bool) -> String {
-        let (mut shown, mut left_out) = (self.set.clone(), "");
-        if shown.remove(POSES).is_some() {
-            // Too long for a line that people read.
-            left_out = " (poses in missed.json)";
-        }
+        let mut shown = self.set.clone();
+        // Too long for a line that people read.
+        shown.remove(POSES);
+        let is_posed = matches!(self.fix, Some(RemedyKind::Roll | RemedyKind::Tilt | RemedyKind::Standoff));
+        let left_out = if is_posed { " (poses in missed.json)" } else { "" };
         let command = if shown.is_empty() { left_out.to_owned() } else { format!("{left_out}: {}", options(&shown)) };
         let [partial, recovers] = match (self.fix, &self.partial_text) {
             (Some(RemedyKind::None) | None, _) => [String::new(), String::new()],
@@ -424,15 +424,18 @@ pub(super) fn rounded(pose: PoseSpec) -> PoseSpec {
 }
 
 /// Parameters of one more setup, in which the part is turned as said, into this pose if one is known, or onto any other side: as the
-/// advice on the plan has it. Empty where it is not known how a setup more would turn the part.
+/// advice on the plan has it. Where no advice was tried, those of any one more setup; empty where advice was tried and does not turn the
+/// part so.
 pub(crate) fn further_setup(plan: &Plan, turn: Option<&str>, pose: Option<&Pose<Table, Part>>) -> OptionSet {
     let mut all = plan.advice.iter().zip(AdviceDocument::all_of(plan));
     let advised = all.find(|(advice, _)| advice.kind == AdviceKind::TurnOver && lays_so(advice, turn, pose));
     let uses_all = plan.setups.len() == plan.params.setups as usize;
+    // A plan with one more setup chooses its pose itself: where advice was tried, not this one.
+    let is_untried = turn.is_none() || !plan.params.tries_advice();
     match advised {
         Some((_, document)) => document.set,
         // A fixture holds one setup.
-        None if turn.is_none()
+        None if is_untried
             && uses_all
             && plan.params.setups < MAX_SETUPS
             && plan.params.part.fixture_mesh.is_none()
@@ -454,8 +457,9 @@ fn lays_so(advice: &PlanAdvice, turn: Option<&str>, pose: Option<&Pose<Table, Pa
     turn.is_none_or(|turn| turns.any(|advised| turn_phrase(advised) == turn))
 }
 
-/// Parameters of a setup in which some remedies turn the part: as the advice on the plan has it, else those of a plan of its
-/// own in that pose. Empty with a fixture, which holds the part in one pose, and for further views of a part.
+/// Parameters of a setup in which some remedies turn the part: as the advice on the plan has it; else those of a plan of its own in that
+/// pose, or of one more setup where no advice was tried. Empty with a fixture, which holds the part in one pose, and for further views
+/// of a part.
 pub(crate) fn turned_setup(plan: &Plan, turn: Option<&str>, remedies: &[&Remedy]) -> OptionSet {
     let pose = remedies.iter().find_map(|remedy| remedy.table_from_part.as_ref());
     let advised = further_setup(plan, turn, pose);

@@ -290,7 +290,7 @@ fn no_gain(plan: &Plan) -> String {
     let (coverage, selection) = (&plan.coverage, &plan.params.selection);
     let coverable = share(coverage.coverable_area_mm2, coverage.whole_mm2(selection.target_of));
     if coverable < selection.target {
-        return format!("no view of this plan measures more: {} at most can be measured", percent(coverable));
+        return format!("all candidates together measure {}", percent(coverable));
     }
     let cost = if selection.view_cost_mm2_per_s > 0.0 { " worth its cost" } else { "" };
     let overlaps = selection.overlap != OverlapParams::default();
