@@ -22,7 +22,7 @@ async function tell(error) {
     console.error(`console: ${seen.errors.join("\n  ").slice(-SHOWN) || "nothing"}`);
     console.error(`failed requests: ${seen.failed.slice(-10).join("\n  ") || "none"}`);
     console.error(`address: ${page.url()}`);
-    console.error(`page: ${String(await within(10_000, page.evaluate(() => document.body.innerText))).slice(0, SHOWN)}`);
+    console.error(`page: ${String(await within(10_000, page.evaluate(() => document.body.innerText))).slice(0, 2 * SHOWN)}`);
     if (pictures) await within(10_000, page.screenshot({ path: `${pictures}/failed.png` }));
   }
   console.error(`FAILED after ${((Date.now() - begun) / 1000).toFixed(0)} s at “${steps.at(-1) ?? "the start"}”: ${error?.stack ?? error}`);

@@ -980,19 +980,37 @@ async function crowded(work) {
   await page.evaluate(() => window.crowd.abort());
 }
 
-/** A run is paused, resumed and stopped by its buttons, stopped also where no connection is left; the next one would begin where
- *  it stopped. What does not come of its surroundings leaves the buttons as they are. */
-async function control() {
-  await page.route(/\/api\/v1\/(jobs\/[0-9a-f-]{36}\/(plan|program|coverage)|cells\/)/, () => {});
+/** Commands a run until that is done. A busy machine may be late with a state, which stops a run, or with a click, which comes when the
+ *  run is over: it is begun anew then. */
+async function unlessLate(commanded, id) {
+  for (let attempts = 3; !(await commanded(id)); attempts -= 1) {
+    assert.ok(attempts > 1, "a state or a click was late each time");
+    if (!(await page.locator("#run-state.done").count())) assert.match(await page.locator("main").innerText(), /no state of the (arm|table)/);
+    await page.goto(`${base}#/jobs/${id}/cell`);
+    await page.locator(".player .primary").waitFor();
+  }
+}
+
+/** A run that is paused and resumed; false where it was over before. */
+async function pausedAndResumed() {
   // By its own clock, so that it is not over before it is stopped.
   await begin({ time_factor: "1", from_step: "1" });
   for (const [name, state] of [["Pause", "paused"], ["Resume", "running"]]) {
     await press(name);
-    await page.locator(`#run-state.${state}`).waitFor();
+    await page.locator(`#run-state:is(.${state}, .done, .stopped, .failed)`).waitFor();
+    if (!(await page.locator(`#run-state.${state}`).count())) return false;
     await page.getByRole("button", { name, exact: true, disabled: true }).waitFor();
     await frames();
     assert.equal(await page.evaluate(() => document.activeElement.textContent), name, "the button keeps the keyboard");
   }
+  return true;
+}
+
+/** A run is paused, resumed and stopped by its buttons, stopped also where no connection is left; the next one would begin where
+ *  it stopped. What does not come of its surroundings leaves the buttons as they are. */
+async function control(id) {
+  await page.route(/\/api\/v1\/(jobs\/[0-9a-f-]{36}\/(plan|program|coverage)|cells\/)/, () => {});
+  await unlessLate(pausedAndResumed, id);
   await page.locator("#connection[data-connection=live]").waitFor();
   // A Stop that is not sent says what to do, as long as the run goes on; in simulation nothing moves.
   const unsent = /\/api\/v1\/runs\/[0-9a-f-]{36}\/stop$/;
@@ -1041,21 +1059,17 @@ async function leftAt(id) {
   await page.unrouteAll();
 }
 
-/** A run that pauses after each step is begun and led on by its button. A busy machine may be late with a state, which stops a run: it is
- *  begun anew then. */
+/** A run that pauses after each step is begun and led on by its button. */
 async function stepped(id) {
-  for (let attempts = 3; !(await steppedOnce(id)); attempts -= 1) {
-    assert.ok(attempts > 1, "a state was late each time");
-    assert.match(await page.locator("main").innerText(), /no state of the (arm|table)/);
-  }
+  await page.goto(`${base}#/jobs/${id}/cell`);
+  await page.locator(".player .primary").waitFor();
+  await unlessLate(steppedOnce, id);
   await press("Stop");
   await page.locator("#run-state.stopped").waitFor();
 }
 
 /** Two single steps of a run; false where it was stopped on the way. */
-async function steppedOnce(id) {
-  await page.goto(`${base}#/jobs/${id}/cell`);
-  await page.locator(".player .primary").waitFor();
+async function steppedOnce() {
   await begin({ time_factor: "20", single_step: true });
   await page.locator("#run-state.armed").waitFor();
   await page.getByRole("button", { name: "Resume", exact: true, disabled: false }).waitFor();
@@ -1395,7 +1409,7 @@ for (const part of parts) {
   step("play");
   const { off, gaps } = await play(id);
   if (!last) {
-    for (const way of [control, () => stepped(id), arm, () => clone(id), () => labelled(id), typed, batch, cad, suits]) {
+    for (const way of [() => control(id), () => stepped(id), arm, () => clone(id), () => labelled(id), typed, batch, cad, suits]) {
       step(way.name || String(way));
       await way();
     }
