@@ -343,7 +343,7 @@ fn page_is_well_formed_fetches_nothing_and_runs_nothing() {
         "12.0 × 34.5 × 6.0",
         "Only 75 % of it, 1 013.8 mm²: add tilted views: put their poses into candidates.poses",
         "Turn the part over: it stands on this surface, or the surface faces the table<br/><code>--set setups=2</code>",
-        "<code>--set selection.target=0.99</code>",
+        "<code>--set selection.target=0.9907</code>",
         "<b>75 % of it: another tilt</b>",
         "only 75 % of it, 1 013.8 mm²: tilt candidate 7 by 20°",
         "It is not a measurement",

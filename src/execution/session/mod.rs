@@ -113,8 +113,8 @@ pub fn simulate(job: RunJob, options: RunOptions) -> RunHandle {
     let factor = options.time_factor.clamp(1.0, 100.0);
     let here = way::commanded_before(&job.program, options.from_step);
     let machine = Pair { arm: Twin::at(here.joints_rad, factor), table: Twin::at([here.table_rad], factor) };
-    // A twin has nothing to guard: a machine that is busy planning may not stop it.
-    let safeguards = Safeguards { watchdog: TWIN_WATCHDOG, ..options.safeguards };
+    // A twin has nothing to guard: a machine that is busy planning may not stop it, nor a state that is late for that.
+    let safeguards = Safeguards { watchdog: TWIN_WATCHDOG, state_max_age: TWIN_WATCHDOG, ..options.safeguards };
     let options = RunOptions { time_factor: factor, safeguards, ..options };
     begin(Mode::Simulate, job, machine, TwinTrigger::new(factor), None, options)
 }

@@ -149,7 +149,7 @@ pub(in crate::planning) struct Cover {
     stopped_because: StopReason,
 }
 
-/// Times that greedy goes on from exchanged views at most, where growth ended their choice: our choice.
+/// Times that greedy goes on from exchanged views at most, where growth or the limit of views ended their choice: our choice.
 const MAX_CONTINUATIONS: usize = 4;
 
 /// Chooses views, of the number that a plan takes; a plan then looks for as many with more area at grade A.
@@ -206,9 +206,14 @@ fn fewest(
     let from = (floor.map(|floor| &floor.start), floor.map(GradeFloor::goal_of_grade_a));
     let mut budget = local::Budget::of(params);
     let mut found = local::search(&scorer, params, from, &mut budget, ctx)?;
-    // Others may add enough to exchanged views, though none did to greedy's.
+    // Others may add enough to exchanged views, though none did to greedy's; views that exchanges save are there for more of the goals.
     for _ in 0..MAX_CONTINUATIONS {
-        if found.stopped_because != StopReason::Growth {
+        let may_go_on = match found.stopped_because {
+            StopReason::Growth => true,
+            StopReason::MaxViews => found.rows.best.len() < max_views(params),
+            StopReason::Target | StopReason::NoGain | StopReason::NoPath | StopReason::RegionsUnmet => false,
+        };
+        if !may_go_on {
             break;
         }
         let grown = greedy::select_after(problem, params, score, &found.rows.best, ctx)?;
