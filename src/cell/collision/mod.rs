@@ -27,7 +27,7 @@ use parry3d::math::Pose as ParryPose;
 
 use self::pairs::{BodyPair, TABLE_AXIS, body_pairs};
 use self::scene_body::{ParentLink, SceneBody, assemble, attach};
-pub use self::separation::{Farthest, Separation};
+pub use self::separation::{Farthest, QUERY_SHARE, Separation};
 use self::solid::{Solid, near, parry_pose};
 use super::axis::{Axes, Axis, Configuration};
 use super::halton::{PRIMES, halton};
@@ -169,6 +169,7 @@ impl CollisionScene {
         };
         scene.apply_allowed_collision_matrix(cell);
         scene.relax_rotation_symmetric_links();
+        scene.relax_pairs_without_motion();
         scene
     }
 
@@ -454,6 +455,14 @@ impl CollisionScene {
         for pair in self.pairs.iter_mut().filter(|pair| keeps_apart(pair.a, pair.b) || keeps_apart(pair.b, pair.a)) {
             pair.clearance_mm = min_mm;
         }
+    }
+
+    /// The plate is as far from what stands still at any configuration: it must not touch, beside what it runs out by, whatever clearance
+    /// is asked for.
+    fn relax_pairs_without_motion(&mut self) {
+        let min_mm = self.clearance_mm.min(MIN_CLEARANCE_MM + self.runout_mm);
+        let keep_their_distance = |pair: &&mut BodyPair| pair.motion_bound_mm.iter().all(|bound_mm| *bound_mm <= 0.0);
+        self.pairs.iter_mut().filter(keep_their_distance).for_each(|pair| pair.clearance_mm = min_mm);
     }
 
     /// The contact of part or fixture for which a configuration is not to blame: at some table angle with what stands below

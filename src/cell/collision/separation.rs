@@ -15,7 +15,7 @@ use crate::cell::layout::Cell;
 /// Distances between surfaces are found this exactly.
 const PRECISION_MM: f64 = 0.05;
 /// Share of a distance that queries in single precision find it to.
-const QUERY_SHARE: f64 = 1e-3;
+pub const QUERY_SHARE: f64 = 1e-3;
 /// Places looked at along a segment.
 const PROBES: u32 = 60;
 /// Configurations from which the largest distance of a pair is known.

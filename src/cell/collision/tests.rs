@@ -253,6 +253,21 @@ fn a_larger_clearance_excuses_no_pair_of_the_arm_and_leaves_it_room_to_be() {
     }
 }
 
+/// A worktop 3 mm beside the plate, which turns in place, left no plan.
+#[test]
+fn the_plate_must_not_touch_what_stands_still_and_need_not_keep_the_clearance_from_it() {
+    let contact = |gap_mm: f64| {
+        let mut cell = cell();
+        let middle_mm = cell.turntable.plate_radius_mm + gap_mm + 50.0;
+        let owner_from_body = cell.base_from_table.isometry() * Isometry3::translation(middle_mm, 0.0, -5.0);
+        let shape = Shape::Box { size_mm: [100.0, 100.0, 10.0] };
+        cell.obstacles = vec![Body { name: "worktop".to_owned(), owner_from_body, shape }];
+        CollisionScene::without_part(&cell, 5.0).check(&cell.home_rad)
+    };
+    assert_eq!(contact(3.0), None);
+    assert_eq!(contact(0.5).expect("too near").b.as_ref(), "worktop");
+}
+
 #[test]
 fn a_mesh_inside_another_is_near_it_and_beside_it_is_not() {
     let mesh = |half_mm: f64| Solid::from_mesh(&box_mesh([-half_mm; 3], [half_mm; 3]), &Isometry3::identity());

@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::cell::collision::MIN_CLEARANCE_MM;
+use crate::cell::collision::{MIN_CLEARANCE_MM, QUERY_SHARE};
 use crate::cell::{Cell, Configuration, Contact, Separation};
 use crate::geometry::parallel;
 use crate::planning::candidates::Candidate;
@@ -68,8 +68,10 @@ fn obstruction(bodies: Contact, ends: &[Configuration; 2], scene: &PlanningScene
 }
 
 fn advice(bodies: &Contact, separation: Option<&Separation>, cell: &Cell, clearance_mm: f64) -> Advice {
-    // Bodies keep the clearance and what the plate may run out by. On a segment they may be nearest between the places looked at.
-    let max_mm = separation.map(|separation| separation.distance_mm - cell.turntable.runout_displacement_mm());
+    // Bodies keep the clearance and what the plate may run out by, and queries are exact to a share of the distance. On a segment they may be
+    // nearest between the places looked at.
+    let kept_mm = |separation: &Separation| (1.0 - QUERY_SHARE) * separation.distance_mm;
+    let max_mm = separation.map(|separation| kept_mm(separation) - cell.turntable.runout_displacement_mm());
     if let Some(max_mm) = max_mm.filter(|max_mm| (MIN_CLEARANCE_MM..clearance_mm).contains(max_mm)) {
         return Advice::ReduceClearance(max_mm);
     }
@@ -124,8 +126,11 @@ mod tests {
             advice(&bodies, Some(&separation), &cell, 5.0)
         };
         let guard = || Advice::MoveObstacle("guard".to_owned());
-        assert_eq!([0.0, 1.0].map(|runout_mm| advised(4.0, runout_mm)), [4.0, 3.0].map(Advice::ReduceClearance));
-        assert_eq!(advised(5.5, 1.0), Advice::ReduceClearance(4.5));
+        // A clearance of 4 mm may be refused at 4 mm: queries in single precision are as exact as that.
+        for (distance_mm, runout_mm) in [(4.0, 0.0), (4.0, 1.0), (5.5, 1.0)] {
+            let kept_mm = (1.0 - QUERY_SHARE) * distance_mm - runout_mm;
+            assert_eq!(advised(distance_mm, runout_mm), Advice::ReduceClearance(kept_mm));
+        }
         assert_eq!(advised(1.5, 1.0), guard(), "less than the smallest clearance is left");
         assert_eq!(advised(5.2, 0.0), guard(), "no smaller one than the present");
     }
