@@ -7,12 +7,9 @@ use crate::geometry::{Part, Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::params::PlanParams;
 use crate::planning::plan::ViewId;
-use crate::planning::sequence::{OrderOptions, Sequence, order_in_sight};
+use crate::planning::sequence::{OrderOptions, Roadmaps, Sequence, order_in_sight};
 use crate::planning::stations::Station;
 use crate::program::Expected;
-
-/// Times that poses without a path are left out and others chosen.
-const ROUNDS: usize = 5;
 
 /// Calibration poses with the tour through them.
 #[derive(Debug)]
@@ -26,8 +23,10 @@ pub struct RoutedPoses {
 /// Reason for which there are no routed poses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TooFewPoses {
-    /// Poses that the arm takes with the board in view, and gets to.
+    /// Poses that the arm takes with the board in view.
     pub reached: usize,
+    /// Poses of those that were chosen and to which no path was found.
+    pub without_path: usize,
 }
 
 /// Chooses poses that the arm gets to without a collision and orders them.
@@ -42,13 +41,14 @@ pub fn route(
     ctx: &Context<'_>,
 ) -> Result<Result<RoutedPoses, TooFewPoses>, Cancelled> {
     let mut candidates = planner.candidates();
-    for _ in 0..ROUNDS {
-        let Some(plan) = planner.choose(&candidates, count, hold_out) else { break };
+    let (reached, roadmaps) = (candidates.len(), Roadmaps::default());
+    // Those without a path are left out and others chosen; each round leaves out one at least.
+    while let Some(plan) = planner.choose(&candidates, count, hold_out) {
         let stations: Vec<[Station; 1]> = plan.poses.iter().map(|pose| [Station::from(pose.configuration)]).collect();
         let views: Vec<(ViewId, &[Station])> =
             stations.iter().enumerate().map(|(index, station)| (ViewId::at(index), station.as_slice())).collect();
         // No pose is taken from elsewhere: that would be another observation.
-        let options = OrderOptions { roadmaps: None, require_all: false, in_sight: &|_, _| false };
+        let options = OrderOptions { roadmaps: Some(&roadmaps), require_all: false, in_sight: &|_, _| false };
         let ordered = order_in_sight(&views, planner.cell, scene, params, &options, ctx)?;
         if ordered.no_path.is_empty() {
             return Ok(Ok(RoutedPoses { plan, sequence: ordered.sequence }));
@@ -58,7 +58,7 @@ pub fn route(
         };
         candidates.retain(|candidate| !is_shut(candidate));
     }
-    Ok(Err(TooFewPoses { reached: candidates.len() }))
+    Ok(Err(TooFewPoses { reached, without_path: reached - candidates.len() }))
 }
 
 /// Requirements of the poses on their program: what a plan's are for the linter. The plate stands for the part.

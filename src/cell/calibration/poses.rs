@@ -162,7 +162,8 @@ impl PosePlanner<'_> {
         Some(rows.transpose() * weight * rows)
     }
 
-    /// Chooses `count` poses of candidates, and `hold_out` more to check by; none if there are too few candidates.
+    /// Chooses `count` poses of candidates, and `hold_out` more to check by; `None` if there are too few candidates. Each step of the table
+    /// has an equal share of them, and more only where no other has any left.
     #[must_use]
     pub fn choose(&self, candidates: &[PlannedPose], count: usize, hold_out: usize) -> Option<PosePlan> {
         let at = self.nominal();
@@ -177,9 +178,11 @@ impl PosePlanner<'_> {
         while chosen.len() < count + hold_out {
             let turn = |index: usize| step_of(candidates[index].sighting.table_rad);
             let is_open = |index: &&usize| chosen.iter().filter(|other| turn(**other) == turn(**index)).count() < most;
-            let scored = open.iter().filter(is_open).map(|index| (log_determinant(&(sum + informations[*index])), *index));
+            let scored = |index: &usize| (log_determinant(&(sum + informations[*index])), *index);
             // Of equals the first.
-            let (_, best) = scored.reduce(|best, next| if next.0 > best.0 { next } else { best })?;
+            let best_of = |best: (f64, usize), next: (f64, usize)| if next.0 > best.0 { next } else { best };
+            let spread = open.iter().filter(is_open).map(scored).reduce(best_of);
+            let (_, best) = spread.or_else(|| open.iter().map(scored).reduce(best_of))?;
             sum += informations[best];
             chosen.push(best);
             open.retain(|index| *index != best);

@@ -118,14 +118,19 @@ pub(super) fn run(args: &PosesArgs) -> Result<(), CliError> {
     let (never, scene) = (AtomicBool::new(false), planner.scene());
     let ctx = Context::new(&never, &Silent);
     let routed = route(&planner, &scene, (count, hold_out), &params, &ctx);
-    let routed = routed.map_err(|_| CliError::Failed("cancelled".to_owned()))?.map_err(|TooFewPoses { reached }| {
-        CliError::NoPlan(format!(
-            "the arm reaches {} with the whole board in view, and {} are needed: use a smaller board, move it, or \
-ask for fewer",
-            counted(reached, "pose"),
-            count + hold_out
-        ))
-    })?;
+    let routed =
+        routed.map_err(|_| CliError::Failed("cancelled".to_owned()))?.map_err(|TooFewPoses { reached, without_path }| {
+            let pathless = match without_path {
+                0 => String::new(),
+                some => format!(", {some} of them without a collision-free path"),
+            };
+            CliError::NoPlan(format!(
+                "the arm reaches {} with the whole board in view{pathless}, and {} are needed: use a smaller board, move it, or \
+             ask for fewer",
+                counted(reached, "pose"),
+                count + hold_out
+            ))
+        })?;
     let document = document(&routed.plan, &planner, &cell, hold_out);
     let bytes = json_file_bytes(&document);
     let program = Linted::new(&planner, &scene, &routed, &plan_sha256(&bytes), &params)?;
