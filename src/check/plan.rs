@@ -30,6 +30,9 @@ const AREA_TOLERANCE: f64 = 1e-6;
 const ROUNDING_MM: f64 = 1e-6;
 /// Tolerance of times, s: they are sums in different orders.
 const ROUNDING_SECS: f64 = 1e-6;
+/// Difference of a time from its lower bound that is rounding, s, and as a share of it.
+const BOUND_ROUNDING_SECS: f64 = 0.005;
+const BOUND_ROUNDING: f64 = 1e-4;
 /// Tolerance of angles, °: they were converted to degrees and back.
 const ROUNDING_DEG: f64 = 1e-6;
 /// Causes for which a chosen view may measure nothing.
@@ -387,6 +390,16 @@ fn check_motion(document: &PlanDocument, findings: &mut Findings) {
     for (field, secs) in times {
         let is_time = secs.is_finite() && secs >= -ROUNDING_SECS;
         findings.require(is_time, format!("/motion/{field}"), || format!("is {secs} s; allowed is 0 s and more"));
+    }
+    let bounded = [
+        ("turning_secs", motion.turning_secs, "moving_secs", motion.moving_secs),
+        ("moving_secs_lower", motion.moving_secs_lower, "moving_secs", motion.moving_secs),
+        ("ordered_secs_lower", motion.ordered_secs_lower, "ordered_secs", motion.ordered_secs),
+    ];
+    for (field, secs, of, whole_secs) in bounded {
+        // Bounds of long tours are sums in single precision; files of earlier releases have no time of the order found.
+        let is_within = whole_secs == 0.0 || secs <= whole_secs + BOUND_ROUNDING_SECS.max(BOUND_ROUNDING * whole_secs);
+        findings.require(is_within, format!("/motion/{field}"), || format!("is {secs} s, above {of} = {whole_secs} s"));
     }
     if motion.cycle_secs == 0.0 {
         return;

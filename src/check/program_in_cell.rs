@@ -11,9 +11,13 @@ use crate::cell::{Cell, FieldError};
 use crate::planning::context::Context;
 use crate::program::{self, Finding, Program};
 use crate::wire::UnverifiedStatement;
-use crate::wire::program::ProgramDocument;
+use crate::wire::plan::PlanDocument;
+use crate::wire::program::{ProgramDocument, StepDocument};
 use crate::wire::warnings;
 use crate::wire::words::counted;
+
+/// Difference of two times that is rounding, s: sums of many moves.
+const SAME_SECS: f64 = 0.005;
 
 /// Checks the document of a program.
 ///
@@ -38,7 +42,7 @@ pub(super) fn check(
         Some(CheckPlace::NoCell(_)) => {
             return Err(whole("is to be checked without a cell, and moves one; give its cell".to_owned()));
         }
-        Some(CheckPlace::Cell(cell)) => check_in(&program, cell, reference, &mut sound, ctx)?,
+        Some(CheckPlace::Cell(cell)) => check_in((&program, &document), cell, reference, &mut sound, ctx)?,
         None => {
             let off_orders = reference.off_orders(&program);
             if !off_orders.is_empty() {
@@ -54,7 +58,7 @@ pub(super) fn check(
 
 /// Checks a program in its cell; returns the extent of the checks in words.
 fn check_in(
-    program: &Program,
+    (program, document): (&Program, &ProgramDocument),
     cell: &Cell,
     reference: &Reference,
     sound: &mut Sound,
@@ -83,14 +87,7 @@ fn check_in(
     };
     sound.verify(format!("moves: no collision on any segment, {with_part}, with a clearance of {clearance_mm} mm ({of_what})"));
     let before = sound.unverified.len();
-    match &reference.plan {
-        Some(_) => sound.verify("scans: pose, settling, capture and brightness as the plan has them for each viewpoint"),
-        None => {
-            sound.leave("scans at the viewpoints of the plan", "give the plan");
-            let reason = format!("{MIN_CLEARANCE_MM} mm was kept, the smallest that a plan may ask for: give the plan");
-            sound.leave("clearance of the plan", reason);
-        }
-    }
+    tell_scans(document, reference, sound);
     if reference.part.is_none() {
         sound.leave("collisions with the part", "give the plan and the part");
     }
@@ -117,4 +114,39 @@ fn check_in(
     sound.unverified.extend(differing);
     let unchecked = if left.is_empty() { String::new() } else { format!("; not checked: {}", left.join(", ")) };
     Ok(format!(", sound in cell {}{measured}{unchecked}", cell.name))
+}
+
+/// Tells what was verified of the scans of a program that is sound: by its plan, where that is given.
+fn tell_scans(document: &ProgramDocument, reference: &Reference, sound: &mut Sound) {
+    match &reference.plan {
+        Some((plan, _)) => {
+            sound.verify("scans: pose, settling, capture and brightness as the plan has them for each viewpoint");
+            match beside_tour(document, plan) {
+                None => sound.verify("sequence and cycle time: as the plan states them"),
+                Some(reason) => sound.leave("sequence and cycle time of the plan", reason),
+            }
+        }
+        None => {
+            sound.leave("scans at the viewpoints of the plan", "give the plan");
+            let reason = format!("{MIN_CLEARANCE_MM} mm was kept, the smallest that a plan may ask for: give the plan");
+            sound.leave("clearance of the plan", reason);
+        }
+    }
+}
+
+/// Difference of a program's order and time from those that its plan states, in words; `None` where they are the same. A plan of several
+/// setups states the time of all of them.
+fn beside_tour(document: &ProgramDocument, plan: &PlanDocument) -> Option<String> {
+    let is_scanned_here = |id: &&u32| plan.setups.get(document.setup).is_none_or(|setup| setup.viewpoints.contains(id));
+    let planned: Vec<u32> = plan.sequence.iter().filter(is_scanned_here).copied().collect();
+    let scan = |step: &StepDocument| if let StepDocument::Scan { viewpoint, .. } = step { Some(*viewpoint) } else { None };
+    let mut scanned: Vec<u32> = document.steps.iter().filter_map(scan).collect();
+    // A view may be captured twice.
+    scanned.dedup();
+    if scanned != planned {
+        return Some("the program scans in another order".to_owned());
+    }
+    let planned_secs = plan.motion.as_ref().map(|motion| motion.cycle_secs).filter(|_| plan.setups.is_empty())?;
+    let is_same = planned_secs <= 0.0 || (document.cycle_secs - planned_secs).abs() <= SAME_SECS;
+    (!is_same).then(|| format!("the program takes {:.1} s where the plan says {planned_secs:.1} s", document.cycle_secs))
 }

@@ -564,6 +564,45 @@ fn the_clearance_that_a_program_is_checked_with_is_told_with_its_reason() {
     assert!(!sound.description.contains("clearance"), "{}", sound.description);
 }
 
+/// Both were called sound beside a plan of another order or time.
+#[test]
+fn a_program_tells_whether_it_has_the_order_and_the_time_of_its_plan() {
+    let planned = &*PLANNED;
+    let sound = |change: &dyn Fn(&mut PlanDocument)| {
+        let mut plan: PlanDocument = serde_json::from_value(planned.in_cell.clone()).expect("a plan");
+        change(&mut plan);
+        let (sha256, mut program) = (plan_sha256(&plan.to_bytes()), planned.program.clone());
+        program["plan_sha256"] = json!(sha256);
+        let reference = Reference { plan: Some((plan, sha256)), ..Reference::default() };
+        let never = AtomicBool::new(false);
+        let place = Some(CheckPlace::Cell(&planned.cell));
+        check(program, &Presets, place, &reference, &Context::new(&never, &Silent)).expect("sound")
+    };
+    let as_planned = sound(&|_| {});
+    assert!(as_planned.verified.iter().any(|statement| statement == "sequence and cycle time: as the plan states them"));
+    let reversed = sound(&|plan| plan.sequence.reverse());
+    assert!(reversed.description.contains("(the program scans in another order)"), "{}", reversed.description);
+    let quicker = sound(&|plan| {
+        let motion = plan.motion.as_mut().expect("with a cell");
+        (motion.cycle_secs, motion.moving_secs) = (motion.cycle_secs - 1.0, motion.moving_secs - 1.0);
+    });
+    assert!(quicker.description.contains(" s where the plan says "), "{}", quicker.description);
+}
+
+/// A bound above the time that it bounds was taken.
+#[test]
+fn a_plan_whose_bounds_are_above_its_times_is_refused() {
+    let refused = |field: &str, secs: f64| {
+        let mut plan = PLANNED.in_cell.clone();
+        plan["motion"][field] = json!(secs);
+        PLANNED.check(&plan, None).expect_err("above its time")
+    };
+    for field in ["turning_secs", "moving_secs_lower", "ordered_secs_lower"] {
+        let told = refused(field, 1e4);
+        assert!(told.contains(&format!("/motion/{field}")) && told.contains("above "), "{told}");
+    }
+}
+
 /// The refusal spoke in numbers of lenses.
 #[test]
 fn a_program_of_another_scanner_is_refused_by_the_name_of_the_scanner() {
