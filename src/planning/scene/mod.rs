@@ -132,7 +132,7 @@ impl<'a> PlanningScene<'a> {
 
     /// Stations of every view.
     pub(super) fn reach(&self, views: &[Pose<Part, ScannerFrame>], ctx: &Context<'_>) -> Result<Reach, Cancelled> {
-        stations::solve(views, self.cell, &self.scene, &self.table_from_part, ctx)
+        stations::solve_as_moved(views, self.cell, &self.scene, &self.table_from_part, self.params.motion.table, ctx)
     }
 
     /// Cell and part as collisions are looked for.
@@ -166,7 +166,8 @@ impl<'a> PlanningScene<'a> {
             return Ok(None);
         }
         let is_clear = |table_rad: f64| !self.sight.hides(surface, view, row.measured(), table_rad, ctx);
-        let clear = stations::solve_at(view, self.cell, &self.scene, &self.table_from_part, &is_clear, ctx)?;
+        let tried = (self.params.motion.table, &is_clear as &dyn Fn(f64) -> bool);
+        let clear = stations::solve_at(view, self.cell, &self.scene, &self.table_from_part, tried, ctx)?;
         ctx.check()?;
         if !clear.is_empty() {
             *stations = clear;

@@ -36,8 +36,8 @@ use self::routes::{Route, Routes};
 use self::station_graph::StationGraph;
 use super::context::{Cancelled, Context};
 use super::ids::ViewId;
-use super::params::{MotionParams, PlanParams};
-use super::stations::{MAX_STATIONS, Station};
+use super::params::{MotionParams, PlanParams, TableMotion};
+use super::stations::{Station, max_stations};
 pub use crate::cell::Configuration;
 use crate::cell::{Cell, CollisionScene};
 
@@ -45,8 +45,8 @@ use crate::cell::{Cell, CollisionScene};
 const ROUNDING_SECS: f64 = 0.005;
 /// Difference from the lower bound that is rounding, as a share of it.
 const ROUNDING: f64 = 1e-4;
-/// Bytes of a view's stations with their ways from home, and of the checked moves between them and others.
-const BYTES_OF_VIEW: f64 = 20e3;
+/// Bytes of a station with its way from home, and of the checked moves between it and others.
+const BYTES_OF_STATION: f64 = 1.7e3;
 
 /// One move. All points are joined by straight joint-space segments, table included, and were checked as such.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,7 +59,7 @@ pub struct Leg {
     pub duration_secs: f64,
     /// Tolerance by which any axis may pass a point without stopping, radians; `None`: every point is a stop.
     pub passed_within_rad: Option<f64>,
-    /// Part of `duration_secs` in which the table turns.
+    /// Part of `duration_secs` in which the table turns; of a move with rounded corners an estimate: the share that it has with stops.
     pub turning_secs: f64,
 }
 
@@ -207,8 +207,9 @@ pub fn order_in_sight(
 }
 
 /// Bytes that ordering up to so many views of one setup holds at most, each with as many stations as a view may have.
-pub(super) fn expected_bytes(max_views: f64) -> f64 {
-    BYTES_OF_VIEW * max_views + tour::expected_bytes(max_views.ceil() as usize, MAX_STATIONS)
+pub(super) fn expected_bytes(max_views: f64, table: TableMotion) -> f64 {
+    let stations = max_stations(table);
+    BYTES_OF_STATION * stations as f64 * max_views + tour::expected_bytes(max_views.ceil() as usize, stations)
 }
 
 /// Adds the lower bound to a sequence, which takes about as long as finding the sequence.

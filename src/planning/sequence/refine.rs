@@ -3,6 +3,8 @@
 //! free; and the scanner is rolled about its optical axis where whoever knows what it measures permits that. Coordinate
 //! descent, stop by stop; the order stays.
 
+use std::f64::consts::{PI, TAU};
+
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::routes::{Route, Routes};
@@ -10,9 +12,15 @@ use crate::cell::Configuration;
 use crate::geometry::{Plate, Pose, ScannerFrame};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::ViewId;
+use crate::planning::params::TableMotion;
 
 /// Turns of the table that are tried either way, degrees: beyond, within and below the step of sampling.
 const STEPS_DEG: [f64; 8] = [40.0, 20.0, 10.0, 5.0, 2.5, 1.2, 0.6, 0.3];
+/// Angles of the table, evenly spread over a turn, to which several stops are brought where it turns alone: those of sampling.
+const ANGLES: u32 = 72;
+/// Stops that are brought to one angle at most, and choices of those that are checked for collisions, the quickest first.
+const MAX_SHARING: usize = 12;
+const MAX_CHECKED: usize = 20;
 /// Rolls of the scanner that are tried either way, degrees, each once at every stop.
 const ROLLS_DEG: [f64; 3] = [15.0, 7.5, 3.75];
 /// Passes over all stops at most.
@@ -64,6 +72,10 @@ impl Tour {
             for stop in 0..self.stops.len() {
                 ctx.check()?;
                 moved |= self.move_stop(stop, routes, in_sight);
+                // A table that turns alone need not turn between stops at one angle.
+                if routes.moves.motion.table == TableMotion::Alone {
+                    moved |= self.share_angle(stop, routes, in_sight, ctx)?;
+                }
             }
             if !moved {
                 break;
@@ -104,6 +116,50 @@ impl Tour {
             self.replace(stop, there, routes);
         }
         quicker.is_some()
+    }
+
+    /// Brings a stop and some of those after it to one angle of the table, where that is quickest and free.
+    fn share_angle(
+        &mut self,
+        first: usize,
+        routes: &Routes<'_>,
+        in_sight: &InSight<'_>,
+        ctx: &Context<'_>,
+    ) -> Result<bool, Cancelled> {
+        let here_rad = self.stops[first].1.table_rad;
+        let angles_rad = (0..ANGLES).map(|step| TAU * f64::from(step) / f64::from(ANGLES));
+        let turns_rad = angles_rad.map(|angle_rad| (angle_rad - here_rad + PI).rem_euclid(TAU) - PI);
+        let mut quicker: Vec<(f64, Vec<Configuration>)> = Vec::new();
+        for turn_rad in turns_rad {
+            ctx.check()?;
+            let (mut there, mut before, mut secs, mut taken_secs) =
+                (Vec::new(), self.before(first, routes.home()), 0.0, self.paths[first].secs);
+            for (stop, (_, at)) in self.stops.iter().enumerate().skip(first).take(MAX_SHARING) {
+                let Some(turned) = routes.turned(at, here_rad + turn_rad - at.table_rad) else { break };
+                secs += routes.moves.straight_secs(&before, &turned);
+                taken_secs += self.paths[stop + 1].secs;
+                there.push(turned);
+                before = turned;
+                let after = self.stops.get(stop + 1).map_or(*routes.home(), |(_, next)| *next);
+                let saved_secs = taken_secs - secs - routes.moves.straight_secs(&turned, &after);
+                if saved_secs > MIN_SAVING_SECS {
+                    quicker.push((saved_secs, there.clone()));
+                }
+            }
+        }
+        // Stable: of equal ones the first.
+        quicker.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let is_free = |there: &[Configuration]| {
+            let after = self.stops.get(first + there.len()).map_or(*routes.home(), |(_, next)| *next);
+            let points: Vec<Configuration> = [&[self.before(first, routes.home())], there, &[after]].concat();
+            points.windows(2).all(|ends| routes.moves.is_free(&ends[0], &ends[1]))
+                && self.stops[first..].iter().zip(there).all(|((view, _), there)| in_sight(*view, there))
+        };
+        let free = quicker.into_iter().map(|(_, there)| there).take(MAX_CHECKED).find(|there| is_free(there));
+        for (stop, there) in (first..).zip(free.iter().flatten()) {
+            self.replace(stop, *there, routes);
+        }
+        Ok(free.is_some())
     }
 
     /// The quickest of `candidates` in place of a stop, if it saves something, the moves before and after are free, and `accept`

@@ -1,3 +1,4 @@
+use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
@@ -180,6 +181,16 @@ fn a_table_that_turns_alone_never_turns_while_the_arm_moves() {
     }
     assert!(alone.sequence.motion_secs() > together.sequence.motion_secs());
     assert!(alone.sequence.turning_secs() > 0.0);
+    // It need not turn between stops at one angle.
+    let angles = |ordered: &Ordered| -> BTreeSet<u64> {
+        ordered.sequence.visits.iter().map(|(_, leg)| leg.target.table_angle_rad.to_bits()).collect()
+    };
+    assert!(
+        angles(&alone).len() < angles(&together).len(),
+        "{} angles, {} together",
+        angles(&alone).len(),
+        angles(&together).len()
+    );
 }
 
 #[test]

@@ -9,16 +9,21 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::context::{Cancelled, Context};
+use super::params::TableMotion;
 use crate::cell::{Axes, Cell, CollisionScene, Configuration};
 use crate::geometry::{Part, Pose, ScannerFrame, Table, parallel, plate_from_placed};
 
 /// Step of the table, in whole parts of a turn: 5°.
 const TABLE_STEPS: u32 = 72;
+/// Every so many of them all views are tried first where the table turns alone: 15°.
+const SHARED_EVERY: u32 = 3;
 /// Finer steps in each where a view has no station at any of them: 0.25°. In a hundred cluttered cells 14 of 56 views
 /// without a station get one so, four fifths of them at 1° already.
 const FINE_STEPS: u32 = 20;
-/// Stations of a view that are kept at most: enough for the sequence to choose from.
-pub(super) const MAX_STATIONS: usize = 12;
+/// Stations of a view that are kept at most: enough for the sequence to choose from; of a table that turns alone, for views to share an
+/// angle.
+const MAX_STATIONS: usize = 12;
+const MAX_STATIONS_ALONE: usize = 24;
 /// Smallest difference in some axis between two stations of a view, radians (20°); of nearer ones the cheaper is kept.
 const MIN_SPREAD_RAD: f64 = std::f64::consts::PI / 9.0;
 /// Collision tests between two checks of the cancel flag.
@@ -69,7 +74,24 @@ pub fn solve(
     table_from_part: &Pose<Table, Part>,
     ctx: &Context<'_>,
 ) -> Result<Vec<Result<Vec<Station>, StationFailure>>, Cancelled> {
-    solve_some(views, cell, scene, table_from_part, MAX_STATIONS, ctx)
+    solve_as_moved(views, cell, scene, table_from_part, TableMotion::WithArm, ctx)
+}
+
+/// Finds the stations of each view as [`solve`]; where the `table` turns alone, one at each multiple of 15° before others, so that views
+/// can share an angle.
+///
+/// # Errors
+/// [`Cancelled`].
+pub fn solve_as_moved(
+    views: &[Pose<Part, ScannerFrame>],
+    cell: &Cell,
+    scene: &CollisionScene,
+    table_from_part: &Pose<Table, Part>,
+    table: TableMotion,
+    ctx: &Context<'_>,
+) -> Result<Vec<Result<Vec<Station>, StationFailure>>, Cancelled> {
+    let search = StationSearch { cell, axes: cell.axes(), scene, table_from_part, table, max_stations: max_stations(table) };
+    search.of_views(views, ctx)
 }
 
 /// Finds at most `max_stations` stations a view, otherwise as [`solve`]: 1 tells whether there is one.
@@ -84,13 +106,8 @@ pub fn solve_some(
     max_stations: usize,
     ctx: &Context<'_>,
 ) -> Result<Vec<Result<Vec<Station>, StationFailure>>, Cancelled> {
-    let search = StationSearch { cell, axes: cell.axes(), scene, table_from_part, max_stations };
-    let done = AtomicUsize::new(0);
-    parallel::try_map(views, |view| {
-        let stations = search.stations(view, ctx)?;
-        ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, views.len());
-        Ok(stations)
-    })
+    StationSearch { cell, axes: cell.axes(), scene, table_from_part, table: TableMotion::WithArm, max_stations }
+        .of_views(views, ctx)
 }
 
 /// Finds the stations of a view at those of the 72 table angles that `accept` lets through, otherwise as [`solve`]; none where
@@ -103,10 +120,10 @@ pub fn solve_at(
     cell: &Cell,
     scene: &CollisionScene,
     table_from_part: &Pose<Table, Part>,
-    accept: &dyn Fn(f64) -> bool,
+    (table, accept): (TableMotion, &dyn Fn(f64) -> bool),
     ctx: &Context<'_>,
 ) -> Result<Vec<Station>, Cancelled> {
-    let search = StationSearch { cell, axes: cell.axes(), scene, table_from_part, max_stations: MAX_STATIONS };
+    let search = StationSearch { cell, axes: cell.axes(), scene, table_from_part, table, max_stations: max_stations(table) };
     let angles: Vec<f64> = table_angles().filter(|angle| accept(*angle)).collect();
     let (solutions, poses) = search.ik_solutions(view, &angles);
     Ok(search.free(&solutions, poses, ctx)?.into_iter().map(Station::from).collect())
@@ -120,7 +137,8 @@ pub fn nearest_ik_solution(
     scene: &CollisionScene,
     table_from_part: &Pose<Table, Part>,
 ) -> Option<Configuration> {
-    let search = StationSearch { cell, axes: cell.axes(), scene, table_from_part, max_stations: 1 };
+    let table = TableMotion::WithArm;
+    let search = StationSearch { cell, axes: cell.axes(), scene, table_from_part, table, max_stations: 1 };
     search.ik_solutions(view, &table_angles().collect::<Vec<_>>()).0.first().map(|solution| solution.configuration)
 }
 
@@ -136,6 +154,14 @@ pub fn inside_obstacle(
         let base_from_scanner = base_from_scanner(view, cell, table_from_part, angle);
         scene.is_blocked(&base_from_scanner.origin_mm())
     })
+}
+
+/// Stations of a view that are kept at most.
+pub(super) fn max_stations(table: TableMotion) -> usize {
+    match table {
+        TableMotion::WithArm => MAX_STATIONS,
+        TableMotion::Alone => MAX_STATIONS_ALONE,
+    }
 }
 
 fn table_angles() -> impl Iterator<Item = f64> {
@@ -161,6 +187,7 @@ struct StationSearch<'a> {
     axes: Axes,
     scene: &'a CollisionScene,
     table_from_part: &'a Pose<Table, Part>,
+    table: TableMotion,
     max_stations: usize,
 }
 
@@ -173,6 +200,19 @@ struct IkSolution {
 }
 
 impl StationSearch<'_> {
+    fn of_views(
+        &self,
+        views: &[Pose<Part, ScannerFrame>],
+        ctx: &Context<'_>,
+    ) -> Result<Vec<Result<Vec<Station>, StationFailure>>, Cancelled> {
+        let done = AtomicUsize::new(0);
+        parallel::try_map(views, |view| {
+            let stations = self.stations(view, ctx)?;
+            ctx.progress(done.fetch_add(1, Ordering::Relaxed) + 1, views.len());
+            Ok(stations)
+        })
+    }
+
     fn stations(
         &self,
         view: &Pose<Part, ScannerFrame>,
@@ -198,25 +238,39 @@ impl StationSearch<'_> {
         Ok(Err(failure))
     }
 
-    /// The cheapest of these solutions that are free and differ.
+    /// The cheapest of these solutions that are free and differ. Where the table turns alone, the cheapest at each shared angle come
+    /// before others.
     fn free(&self, solutions: &[IkSolution], poses: usize, ctx: &Context<'_>) -> Result<Vec<Configuration>, Cancelled> {
         let mut free: Vec<Option<bool>> = vec![None; poses];
-        let mut cheapest: Vec<Configuration> = Vec::new();
-        for (index, solution) in solutions.iter().enumerate() {
-            if index % TESTS_PER_CHECK == 0 {
-                ctx.check()?;
-            }
-            if cheapest.iter().any(|other| is_close(other, &solution.configuration)) {
-                continue;
-            }
-            if *free[solution.pose].get_or_insert_with(|| self.scene.check(&solution.configuration).is_none()) {
-                cheapest.push(solution.configuration);
-                if cheapest.len() == self.max_stations {
-                    break;
+        let mut taken: Vec<&IkSolution> = Vec::new();
+        let passes: &[bool] = if self.table == TableMotion::Alone { &[true, false] } else { &[false] };
+        for is_for_shared in passes {
+            for (index, solution) in solutions.iter().enumerate() {
+                if index % TESTS_PER_CHECK == 0 {
+                    ctx.check()?;
+                }
+                let angle_rad = solution.configuration.table_rad;
+                let is_wanted = match is_for_shared {
+                    true => {
+                        is_shared(angle_rad)
+                            && taken.iter().all(|other| other.configuration.table_rad.to_bits() != angle_rad.to_bits())
+                    }
+                    false => !taken.iter().any(|other| is_close(&other.configuration, &solution.configuration)),
+                };
+                if is_wanted && *free[solution.pose].get_or_insert_with(|| self.scene.check(&solution.configuration).is_none()) {
+                    taken.push(solution);
+                    if taken.len() == self.max_stations {
+                        break;
+                    }
                 }
             }
+            if taken.len() == self.max_stations {
+                break;
+            }
         }
-        Ok(cheapest)
+        // Stable, as the solutions are sorted.
+        taken.sort_by(|a, b| a.secs_from_home.total_cmp(&b.secs_from_home));
+        Ok(taken.into_iter().map(|solution| solution.configuration).collect())
     }
 
     /// Every IK solution within the limits at these angles, cheapest from home first, and the number of different poses among them.
@@ -243,6 +297,14 @@ impl StationSearch<'_> {
         solutions.sort_by(|a, b| a.secs_from_home.total_cmp(&b.secs_from_home));
         (solutions, poses)
     }
+}
+
+/// Returns true for an angle that all views are tried at first where the table turns alone.
+fn is_shared(table_rad: f64) -> bool {
+    /// What rounding of the table's angle leaves of a step.
+    const ROUNDED: f64 = 1e-6;
+    let steps = table_rad / turned(SHARED_EVERY, TABLE_STEPS);
+    (steps - steps.round()).abs() < ROUNDED
 }
 
 fn is_close(a: &Configuration, b: &Configuration) -> bool {

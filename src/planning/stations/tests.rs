@@ -1,12 +1,14 @@
+use std::collections::BTreeSet;
 use std::sync::atomic::AtomicBool;
 
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-use super::{MIN_SPREAD_RAD, Station, StationFailure, inside_obstacle, solve};
+use super::{MAX_STATIONS_ALONE, MIN_SPREAD_RAD, Station, StationFailure, inside_obstacle, is_shared, solve, solve_as_moved};
 use crate::cell::{Cell, CollisionScene, Presets, SpecLibrary};
 use crate::geometry::demo_parts::DemoPart;
 use crate::geometry::{Mesh, Part, Pose, ScannerFrame, Table};
 use crate::planning::context::{Cancelled, Context, Silent};
+use crate::planning::params::TableMotion;
 use crate::testing::box_mesh;
 
 fn cell() -> Cell {
@@ -90,6 +92,24 @@ fn a_table_that_turns_less_than_a_step_is_used() {
     let scene = CollisionScene::new(&cell, &part, None, &placed, 5.0);
     let stations = solve_one(&cell, &scene, &placed, view(120.0, 30.0, 0.0, 540.0)).expect("reachable");
     assert!(stations.iter().all(|station| cell.turntable.axis.allows(station.table_angle_rad)), "{stations:?}");
+}
+
+#[test]
+fn views_before_a_table_that_turns_alone_have_shared_angles_to_choose_from() {
+    let (cell, placed, part) = (cell(), centred(120.0), cube(120.0));
+    let scene = CollisionScene::new(&cell, &part, None, &placed, 5.0);
+    let views = [0.0, 7.0, 22.0].map(|azimuth| view(120.0, 50.0, azimuth, 540.0));
+    let flag = AtomicBool::new(false);
+    let ctx = Context::new(&flag, &Silent);
+    let solved = solve_as_moved(&views, &cell, &scene, &placed, TableMotion::Alone, &ctx).expect("not cancelled");
+    let stations: Vec<Vec<Station>> = solved.into_iter().map(|found| found.expect("reachable")).collect();
+    let secs = |station: &Station| cell.axes().move_secs(&cell.home_rad, &station.configuration(), 1.0);
+    assert!(stations.iter().all(|own| own.len() <= MAX_STATIONS_ALONE && own.is_sorted_by(|a, b| secs(a) <= secs(b))));
+    let shared = stations.iter().map(|own| -> BTreeSet<u64> {
+        own.iter().map(|station| station.table_angle_rad).filter(|angle| is_shared(*angle)).map(f64::to_bits).collect()
+    });
+    let of_all = shared.reduce(|all, own| &all & &own).expect("views");
+    assert!(of_all.len() >= 3, "{} angles of all three views", of_all.len());
 }
 
 #[test]

@@ -79,7 +79,7 @@ pub(super) fn held(counts: &Counts, input: &PlanInput<'_>, params: &PlanParams, 
     let thin = 2.0 * (PATCH + SAMPLE) * chosen_on;
     let of_threads = threads * samples * (SAMPLE_OF_THREAD + MAP_OF_SAMPLE * measured);
     // All views may be of one setup.
-    let tour = input.cell.map_or(0.0, |_| sequence::expected_bytes(views));
+    let tour = input.cell.map_or(0.0, |_| sequence::expected_bytes(views, params.motion.table));
     Shares {
         // One more setup is tried for advice.
         triangles: PROGRAM + triangles(input, counts.setups + f64::from(u8::from(tries_setup(input, params)))),
