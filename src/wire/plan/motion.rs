@@ -17,7 +17,7 @@ pub struct MotionDocument {
     pub cycle_secs: f64,
     /// Time of all moves, s.
     pub moving_secs: f64,
-    /// Part of `moving_secs` in which the table turns, s.
+    /// Part of `moving_secs` in which the table turns, s; of moves with rounded corners an estimate: the share that it has with stops.
     #[serde(default)]
     pub turning_secs: f64,
     /// Time spent waiting for everything to stand still, s.
