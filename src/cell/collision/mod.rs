@@ -114,7 +114,7 @@ struct Placement {
 
 impl CollisionScene {
     /// The cell with `part` (and `fixture`, given in the part's frame) on its plate. Nothing may come closer to anything
-    /// else than `clearance_mm`, save what is joined or touches by construction. Builds the box trees: 0.2 s for a million
+    /// else than `clearance_mm`, save what is joined or touches by construction, and what cannot come nearer: the plate and what stands still. Builds the box trees: 0.2 s for a million
     /// triangles.
     #[must_use]
     pub fn new(cell: &Cell, part: &Mesh, fixture: Option<&Mesh>, table_from_part: &Pose<Table, Part>, clearance_mm: f64) -> Self {

@@ -153,7 +153,8 @@ pub(super) fn fewest(
     let measured = problem.measured(&rows);
     goals.iter_mut().for_each(|goal| goal.clamp_to(&measured));
     if !is_for_coverage(params) {
-        if limited && problem.goals.len() == goals.len() && are_met(problem, &measured) {
+        // What is asked for at grade A is no target.
+        if limited && problem.goals.len() == goals.len() && are_met(problem, grade_a, &measured) {
             stopped_because = StopReason::Target;
         }
         rows = Exchange { problem, goals: &goals, overlap: &overlap }.fewer(rows, budget, ctx)?;
@@ -161,8 +162,10 @@ pub(super) fn fewest(
     Ok((LocalOptimum { rows: ScoredViews::only(rows), stopped_because }, goals))
 }
 
-fn are_met(problem: &CoverProblem<'_>, measured: &[&Row]) -> bool {
-    Units::of_goals(problem).iter().all(|goal| goal.covered_by(measured) >= goal.needed)
+/// Returns true if the goals before the floor under grade A are met.
+fn are_met(problem: &CoverProblem<'_>, grade_a: Option<usize>, measured: &[&Row]) -> bool {
+    let goals = Units::of_goals(problem);
+    goals.iter().take(grade_a.unwrap_or(goals.len())).all(|goal| goal.covered_by(measured) >= goal.needed)
 }
 
 /// Work that is left, counted as in [`ATTEMPT_WORK`].
@@ -211,8 +214,8 @@ impl Exchange<'_> {
         Ok(None)
     }
 
-    /// Exchanges as many views as there may be until they miss the goals by as little as is found. Nothing that `rows` measure of the
-    /// goals before the floor under grade A is given up for it: with a floor that is too high for that, attempts go half as far.
+    /// Exchanges as many views as there may be until they miss the goals by as little as is found. The goals before the floor under grade A
+    /// are missed by no more than `rows` miss them, all in all: with a floor that is too high for that, attempts go half as far.
     fn with_less_missed(
         &self,
         rows: Vec<RowIndex>,
@@ -220,17 +223,19 @@ impl Exchange<'_> {
         budget: &mut Budget,
         ctx: &Context<'_>,
     ) -> Result<Vec<RowIndex>, Cancelled> {
-        let Some(grade_a) = grade_a.filter(|place| *place < self.goals.len()) else { return self.run(rows, 0, budget, ctx) };
         let measured = self.problem.measured(&rows);
-        let kept: Vec<i64> = self.goals.iter().map(|goal| goal.covered_by(&measured).min(goal.needed)).collect();
+        let lacking = |goal: &Units, measured: &[&Row]| (goal.needed - goal.covered_by(measured)).max(0);
+        let is_raised = |place: &usize| self.goals.get(*place).is_some_and(|floor| lacking(floor, &measured) > 0);
+        let Some(grade_a) = grade_a.filter(is_raised) else { return self.run(rows, 0, budget, ctx) };
+        let missed = |measured: &[&Row]| self.goals[..grade_a].iter().map(|goal| lacking(goal, measured)).sum::<i64>();
+        let (missed_before, covered) = (missed(&measured), self.goals[grade_a].covered_by(&measured));
         let mut goals = self.goals.to_vec();
         for attempt in 0..MAX_RAISES {
             let found = Exchange { goals: &goals, ..*self }.run(rows.clone(), attempt, budget, ctx)?;
-            let measured = self.problem.measured(&found);
-            if self.goals.iter().zip(&kept).take(grade_a).all(|(goal, kept)| goal.covered_by(&measured) >= *kept) {
+            if missed(&self.problem.measured(&found)) <= missed_before {
                 return Ok(found);
             }
-            goals[grade_a].needed = i64::midpoint(goals[grade_a].needed, kept[grade_a]);
+            goals[grade_a].needed = i64::midpoint(goals[grade_a].needed, covered);
         }
         Ok(rows)
     }

@@ -218,6 +218,8 @@ fn fewest(
         }
         let grown = greedy::select_after(problem, params, score, &found.rows.best, ctx)?;
         if grown.choices.len() == found.rows.best.len() {
+            // The limit is not what ends a choice of fewer views.
+            found.stopped_because = grown.stopped_because;
             break;
         }
         found = local::search(&scorer, params, (Some(&grown), from.1), &mut budget, ctx)?;

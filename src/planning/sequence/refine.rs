@@ -152,8 +152,8 @@ impl Tour {
         let is_free = |there: &[Configuration]| {
             let after = self.stops.get(first + there.len()).map_or(*routes.home(), |(_, next)| *next);
             let points: Vec<Configuration> = [&[self.before(first, routes.home())], there, &[after]].concat();
-            points.windows(2).all(|ends| routes.moves.is_free(&ends[0], &ends[1]))
-                && self.stops[first..].iter().zip(there).all(|((view, _), there)| in_sight(*view, there))
+            self.stops[first..].iter().zip(there).all(|((view, _), there)| in_sight(*view, there))
+                && points.windows(2).all(|ends| routes.moves.is_free(&ends[0], &ends[1]))
         };
         let free = quicker.into_iter().map(|(_, there)| there).take(MAX_CHECKED).find(|there| is_free(there));
         for (stop, there) in (first..).zip(free.iter().flatten()) {

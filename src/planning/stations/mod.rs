@@ -301,7 +301,7 @@ impl StationSearch<'_> {
 
 /// Returns true for an angle that all views are tried at first where the table turns alone.
 fn is_shared(table_rad: f64) -> bool {
-    /// What rounding of the table's angle leaves of a step.
+    /// Share of a step that rounding of the table's angle leaves.
     const ROUNDED: f64 = 1e-6;
     let steps = table_rad / turned(SHARED_EVERY, TABLE_STEPS);
     (steps - steps.round()).abs() < ROUNDED
