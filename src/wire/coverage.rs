@@ -215,8 +215,37 @@ fn of_source_faces<R: Send>(outcome: &Outcome, mesh: &Mesh, work: impl Fn(GroupR
 fn byte(verdict: Verdict) -> u8 {
     match verdict {
         Verdict::Measured(grade) => grade as u8,
-        Verdict::Missed(cause) => FIRST_CAUSE + cause as u8,
+        Verdict::Missed(cause) => FIRST_CAUSE + code(cause),
         Verdict::NotAsked => NOT_ASKED,
+    }
+}
+
+/// Number of a cause in a file: fixed, since files are kept. Causes that came later follow the others, whatever their place in the order.
+fn code(cause: Cause) -> u8 {
+    let (place, later) = (cause as u8, Cause::Exposure as u8);
+    match cause {
+        Cause::Exposure => Cause::ALL.len() as u8 - 1,
+        Cause::ExcludedResting
+        | Cause::Enclosed
+        | Cause::FacesTable
+        | Cause::Facing
+        | Cause::Depth
+        | Cause::FrameLeft
+        | Cause::FrameRight
+        | Cause::FrameProjector
+        | Cause::IncidenceLeft
+        | Cause::IncidenceRight
+        | Cause::IncidenceProjector
+        | Cause::ShadowLeft
+        | Cause::ShadowRight
+        | Cause::ShadowProjector
+        | Cause::BelowGrade
+        | Cause::Unreachable
+        | Cause::Collision
+        | Cause::HiddenByCell
+        | Cause::NoPath
+        | Cause::NotChosen
+        | Cause::AtRisk => place - u8::from(place > later),
     }
 }
 

@@ -479,7 +479,12 @@ pub fn advice_sentence(advice: &Advice) -> String {
 /// Remedy that views do not give and that was not tried, in plain text: of area that is too dark or saturated, and of area that is missed
 /// for want of a path. `None` for other causes.
 pub(crate) fn untried_remedy(plan: &Plan, cause: Cause) -> Option<String> {
-    let of_exposure = (cause == Cause::Exposure).then(|| exposure_remedy(plan.params.scan.brightness));
+    let brightness = plan.params.scan.brightness;
+    let is_of_rescan = plan.coverage.is_of_open && brightness != Brightness::Auto;
+    let of_exposure = (cause == Cause::Exposure).then(|| match is_of_rescan {
+        true => "plan the part again with scan.brightness = auto".to_owned(),
+        false => exposure_remedy(brightness),
+    });
     of_exposure.or_else(|| path_remedy(plan, cause))
 }
 

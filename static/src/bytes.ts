@@ -3,8 +3,8 @@ import { causeColour, GRADES, MISSED, NOT_ASKED, type Rgb } from "./palette";
 
 const CAUSES = [
   "excluded_resting", "enclosed", "faces_table", "facing", "depth", "frame_left", "frame_right", "frame_projector", "incidence_left",
-  "incidence_right", "incidence_projector", "shadow_left", "shadow_right", "shadow_projector", "exposure", "below_grade", "unreachable",
-  "collision", "hidden_by_cell", "no_path", "not_chosen", "at_risk",
+  "incidence_right", "incidence_projector", "shadow_left", "shadow_right", "shadow_projector", "below_grade", "unreachable",
+  "collision", "hidden_by_cell", "no_path", "not_chosen", "at_risk", "exposure",
 ];
 const FIRST_CAUSE = 16;
 

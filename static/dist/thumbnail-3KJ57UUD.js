@@ -1,0 +1,1 @@
+import{a,b}from"./chunk-OF42P2XE.js";import"./chunk-OPUFLWAX.js";import"./chunk-6OYJ74O6.js";import"./chunk-VCDKKJUC.js";import"./chunk-7ZXLJECV.js";import"./chunk-5VXSSS63.js";export{a as drawThumbnail,b as drawTurned};

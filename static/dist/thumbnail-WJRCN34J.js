@@ -1,1 +1,0 @@
-import{a,b}from"./chunk-H5LQQOR5.js";import"./chunk-OHOQ45MA.js";import"./chunk-6OYJ74O6.js";import"./chunk-VCDKKJUC.js";import"./chunk-7ZXLJECV.js";import"./chunk-5VXSSS63.js";export{a as drawThumbnail,b as drawTurned};
