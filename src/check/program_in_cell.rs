@@ -121,10 +121,7 @@ fn tell_scans(document: &ProgramDocument, reference: &Reference, sound: &mut Sou
     match &reference.plan {
         Some((plan, _)) => {
             sound.verify("scans: pose, settling, capture and brightness as the plan has them for each viewpoint");
-            match beside_tour(document, plan) {
-                None => sound.verify("sequence and cycle time: as the plan states them"),
-                Some(reason) => sound.leave("sequence and cycle time of the plan", reason),
-            }
+            tell_tour(document, plan, sound);
         }
         None => {
             sound.leave("scans at the viewpoints of the plan", "give the plan");
@@ -134,19 +131,25 @@ fn tell_scans(document: &ProgramDocument, reference: &Reference, sound: &mut Sou
     }
 }
 
-/// Difference of a program's order and time from those that its plan states, in words; `None` where they are the same. A plan of several
-/// setups states the time of all of them.
-fn beside_tour(document: &ProgramDocument, plan: &PlanDocument) -> Option<String> {
+/// Tells whether a program has the order and the time that its plan states. A plan of several setups states the time of all of them.
+fn tell_tour(document: &ProgramDocument, plan: &PlanDocument, sound: &mut Sound) {
     let is_scanned_here = |id: &&u32| plan.setups.get(document.setup).is_none_or(|setup| setup.viewpoints.contains(id));
     let planned: Vec<u32> = plan.sequence.iter().filter(is_scanned_here).copied().collect();
     let scan = |step: &StepDocument| if let StepDocument::Scan { viewpoint, .. } = step { Some(*viewpoint) } else { None };
     let mut scanned: Vec<u32> = document.steps.iter().filter_map(scan).collect();
     // A view may be captured twice.
     scanned.dedup();
-    if scanned != planned {
-        return Some("the program scans in another order".to_owned());
+    match scanned == planned {
+        true => sound.verify("sequence: as the plan states it"),
+        false => sound.leave("sequence of the plan", "the program scans in another order"),
     }
-    let planned_secs = plan.motion.as_ref().map(|motion| motion.cycle_secs).filter(|_| plan.setups.is_empty())?;
-    let is_same = planned_secs <= 0.0 || (document.cycle_secs - planned_secs).abs() <= SAME_SECS;
-    (!is_same).then(|| format!("the program takes {:.1} s where the plan says {planned_secs:.1} s", document.cycle_secs))
+    let stated_secs = plan.motion.as_ref().map(|motion| motion.cycle_secs).filter(|secs| *secs > 0.0 && plan.setups.is_empty());
+    match stated_secs {
+        None => sound.leave("cycle time of the plan", "it states none for this program alone"),
+        Some(secs) if (document.cycle_secs - secs).abs() <= SAME_SECS => sound.verify("cycle time: as the plan states it"),
+        Some(secs) => {
+            let reason = format!("the program takes {:.1} s where the plan says {secs:.1} s", document.cycle_secs);
+            sound.leave("cycle time of the plan", reason);
+        }
+    }
 }

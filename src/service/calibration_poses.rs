@@ -11,6 +11,9 @@ use crate::planning::sequence::{OrderOptions, Roadmaps, Sequence, order_in_sight
 use crate::planning::stations::Station;
 use crate::program::Expected;
 
+/// Times that poses without a path are left out and others chosen: our choice, a minute at most in the cells tried.
+const MAX_ROUNDS: usize = 40;
+
 /// Calibration poses with the tour through them.
 #[derive(Debug)]
 pub struct RoutedPoses {
@@ -42,13 +45,14 @@ pub fn route(
 ) -> Result<Result<RoutedPoses, TooFewPoses>, Cancelled> {
     let mut candidates = planner.candidates();
     let (reached, roadmaps) = (candidates.len(), Roadmaps::default());
-    // Those without a path are left out and others chosen; each round leaves out one at least.
-    while let Some(plan) = planner.choose(&candidates, count, hold_out) {
+    // Those without a path are left out and others chosen.
+    for _ in 0..MAX_ROUNDS {
+        let Some(plan) = planner.choose(&candidates, count, hold_out) else { break };
         let stations: Vec<[Station; 1]> = plan.poses.iter().map(|pose| [Station::from(pose.configuration)]).collect();
         let views: Vec<(ViewId, &[Station])> =
             stations.iter().enumerate().map(|(index, station)| (ViewId::at(index), station.as_slice())).collect();
         // No pose is taken from elsewhere: that would be another observation.
-        let options = OrderOptions { roadmaps: Some(&roadmaps), require_all: false, in_sight: &|_, _| false };
+        let options = OrderOptions { roadmaps: Some(&roadmaps), require_all: true, in_sight: &|_, _| false };
         let ordered = order_in_sight(&views, planner.cell, scene, params, &options, ctx)?;
         if ordered.no_path.is_empty() {
             return Ok(Ok(RoutedPoses { plan, sequence: ordered.sequence }));

@@ -120,9 +120,11 @@ pub(super) fn run(args: &PosesArgs) -> Result<(), CliError> {
     let routed = route(&planner, &scene, (count, hold_out), &params, &ctx);
     let routed =
         routed.map_err(|_| CliError::Failed("cancelled".to_owned()))?.map_err(|TooFewPoses { reached, without_path }| {
-            let pathless = match without_path {
-                0 => String::new(),
-                some => format!(", {some} of them without a collision-free path"),
+            let is_given_up = reached - without_path >= count + hold_out;
+            let pathless = match (without_path, is_given_up) {
+                (0, _) => String::new(),
+                (some, false) => format!(", {some} of them without a collision-free path"),
+                (some, true) => format!(", to {some} of them no collision-free path was found, which ended the search"),
             };
             CliError::NoPlan(format!(
                 "the arm reaches {} with the whole board in view{pathless}, and {} are needed: use a smaller board, move it, or \
