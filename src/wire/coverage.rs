@@ -253,7 +253,10 @@ fn byte_meanings() -> Vec<ByteMeaning> {
     let grades = [Grade::A, Grade::B, Grade::C, Grade::D].map(|grade| (Verdict::Measured(grade), grade_name(grade)));
     let causes = Cause::ALL.map(|cause| (Verdict::Missed(cause), cause.as_str()));
     let all = grades.into_iter().chain(causes).chain([(Verdict::NotAsked, "not_asked")]);
-    all.map(|(verdict, meaning)| ByteMeaning { byte: byte(verdict), meaning: meaning.to_owned() }).collect()
+    let mut meanings: Vec<ByteMeaning> =
+        all.map(|(verdict, meaning)| ByteMeaning { byte: byte(verdict), meaning: meaning.to_owned() }).collect();
+    meanings.sort_by_key(|meaning| meaning.byte);
+    meanings
 }
 
 /// Name of a grade, `A` to `D`.

@@ -60,4 +60,8 @@ fn every_byte_has_one_meaning() {
     assert!(meanings.windows(2).all(|pair| pair[0].byte < pair[1].byte));
     assert_eq!((byte(Verdict::Measured(Grade::D)), byte(Verdict::Missed(Cause::ExcludedResting)), byte(OUT)), (3, 16, 255));
     assert_eq!(meanings[5].meaning, "enclosed");
+    // Files of earlier releases have these numbers.
+    let byte_of = |cause: Cause| byte(Verdict::Missed(cause));
+    let kept = [Cause::ShadowProjector, Cause::BelowGrade, Cause::AtRisk, Cause::Exposure].map(byte_of);
+    assert_eq!(kept, [29, 30, 36, 37]);
 }
