@@ -4,7 +4,7 @@
 //! | byte of `coverage.bin` | meaning |
 //! | --- | --- |
 //! | 0, 1, 2, 3 | mostly measured; A, B, C, D is the grade of most of the measured area |
-//! | 16 + i | mostly missed; cause `i` of the closed list, counted from 0, is that of most of the missed area |
+//! | 16 + i | mostly missed; cause `i` of the closed list, counted from 0 and with `exposure` last, is that of most of the missed area |
 //! | 255 | mostly not asked for |
 
 use std::borrow::Cow;
@@ -223,29 +223,10 @@ fn byte(verdict: Verdict) -> u8 {
 /// Number of a cause in a file: fixed, since files are kept. Causes that came later follow the others, whatever their place in the order.
 fn code(cause: Cause) -> u8 {
     let (place, later) = (cause as u8, Cause::Exposure as u8);
-    match cause {
-        Cause::Exposure => Cause::ALL.len() as u8 - 1,
-        Cause::ExcludedResting
-        | Cause::Enclosed
-        | Cause::FacesTable
-        | Cause::Facing
-        | Cause::Depth
-        | Cause::FrameLeft
-        | Cause::FrameRight
-        | Cause::FrameProjector
-        | Cause::IncidenceLeft
-        | Cause::IncidenceRight
-        | Cause::IncidenceProjector
-        | Cause::ShadowLeft
-        | Cause::ShadowRight
-        | Cause::ShadowProjector
-        | Cause::BelowGrade
-        | Cause::Unreachable
-        | Cause::Collision
-        | Cause::HiddenByCell
-        | Cause::NoPath
-        | Cause::NotChosen
-        | Cause::AtRisk => place - u8::from(place > later),
+    match place.cmp(&later) {
+        Ordering::Less => place,
+        Ordering::Equal => Cause::ALL.len() as u8 - 1,
+        Ordering::Greater => place - 1,
     }
 }
 
