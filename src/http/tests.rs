@@ -104,6 +104,7 @@ fn guarded(buffer: usize) -> (DuplexStream, TimeoutStream<DuplexStream>) {
 }
 
 /// Checks that a client was cut off at the limit; later by a margin, for busy machines.
+/// `after` counts from before the stream was made, whose limit runs from then on.
 #[track_caller]
 fn assert_cut_off(error: &std::io::Error, after: Duration, limit: Duration) {
     assert_eq!(error.kind(), std::io::ErrorKind::TimedOut);
@@ -112,13 +113,14 @@ fn assert_cut_off(error: &std::io::Error, after: Duration, limit: Duration) {
 
 #[tokio::test]
 async fn a_client_that_says_nothing_is_cut_off() {
-    let (_client, mut guarded) = guarded(64);
     let began = Instant::now();
+    let (_client, mut guarded) = guarded(64);
     assert_cut_off(&guarded.read_u8().await.expect_err("cut off"), began.elapsed(), PREFACE);
 }
 
 #[tokio::test]
 async fn a_client_that_drips_is_cut_off_all_the_same() {
+    let began = Instant::now();
     let (mut client, mut guarded) = guarded(64);
     tokio::spawn(async move {
         for byte in *b"PRI * HTTP/2.0" {
@@ -127,7 +129,6 @@ async fn a_client_that_drips_is_cut_off_all_the_same() {
         }
         std::future::pending::<()>().await;
     });
-    let began = Instant::now();
     let error = loop {
         if let Err(error) = guarded.read_u8().await {
             break error;
@@ -152,8 +153,8 @@ async fn an_answered_client_may_wait_with_its_next_request() {
 
 #[tokio::test]
 async fn a_client_that_takes_nothing_is_cut_off() {
-    let (_client, mut guarded) = guarded(8);
     let began = Instant::now();
+    let (_client, mut guarded) = guarded(8);
     assert_cut_off(&guarded.write_all(&[0; 64]).await.expect_err("cut off"), began.elapsed(), STALL);
 }
 
