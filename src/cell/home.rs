@@ -8,7 +8,7 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use super::axis::Configuration;
 use super::collision::{CollisionScene, MIN_CLEARANCE_MM};
 use super::layout::Cell;
-use crate::geometry::{Pose, ScannerFrame, Table};
+use crate::geometry::{Pose, ScannerFrame, Table, sort_ascending};
 
 /// Clearances that are tried for, mm, the widest first.
 const CLEARANCES_MM: [f64; 4] = [50.0, 20.0, PLANNED_MM, MIN_CLEARANCE_MM];
@@ -52,7 +52,7 @@ impl Cell {
         });
         let axes = self.axes();
         let mut allowed: Vec<Configuration> = found.filter(|configuration| axes.allow(configuration)).collect();
-        allowed.sort_by(|a, b| self.off_centre(a).total_cmp(&self.off_centre(b)));
+        sort_ascending(&mut allowed, |home| self.off_centre(home));
         allowed.into_iter().find(|configuration| scenes.iter().all(|scene| scene.check(configuration).is_none()))
     }
 

@@ -13,7 +13,7 @@ use std::sync::atomic::AtomicBool;
 use nalgebra::Vector3;
 
 use crate::cell::{Cell, CollisionScene, Configuration};
-use crate::geometry::{Mesh, Part, Plate, Pose, ScannerFrame, Table, plate_from_placed};
+use crate::geometry::{Mesh, Part, Plate, Pose, ScannerFrame, Table, plate_from_placed, sort_ascending};
 use crate::planning::PlanInput;
 use crate::planning::certificate::recheck::{self, TakenView};
 use crate::planning::context::{Cancelled, Context, Silent};
@@ -297,7 +297,7 @@ impl Locating {
         };
         let fits = |station: &Configuration| axes.allow(station) && turn(station) <= MAX_TURN_RAD;
         let mut stations: Vec<_> = solutions.filter(fits).collect();
-        stations.sort_by(|a, b| turn(a).total_cmp(&turn(b)));
+        sort_ascending(&mut stations, |station| turn(station));
         stations
     }
 

@@ -12,6 +12,7 @@ mod mesh;
 mod mesh_health;
 pub mod mesh_io;
 mod nearest_face;
+mod order;
 pub(crate) mod parallel;
 mod point_cloud;
 mod poll;
@@ -35,6 +36,7 @@ pub use frames::{
 pub use mesh::{Aabb, FaceGroup, Mesh};
 pub use mesh_health::{MeshHealth, MeshWarning, assess, each_inner_edge, is_closed, outward_faces};
 pub use nearest_face::{NearestFace, NearestPoint, nearest_of_triangle};
+pub use order::{ascending, descending, sort_ascending, sort_descending};
 pub use point_cloud::{CloudGrid, PointCloud};
 pub use poll::{Interrupted, Poll};
 pub use preview::{NOT_DRAWN, Preview, glb, preview};

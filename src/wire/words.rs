@@ -5,7 +5,7 @@ use std::fmt::Write;
 use serde_json::Value;
 
 use crate::cell::{Contact, PoseSpec};
-use crate::geometry::{Part, Pose, Table};
+use crate::geometry::{Part, Pose, Table, sort_descending};
 pub(crate) use crate::geometry::{counted, listed};
 use crate::inspection::rescan::RescanStop;
 use crate::planning::context::NoPlan;
@@ -262,7 +262,7 @@ pub fn treated_spots(missed: &[MissedCause]) -> Vec<(Cause, &MissedSpot, &Remedy
         .flat_map(|missed| missed.spots.iter().map(move |spot| (missed.cause, spot)))
         .filter_map(|(cause, spot)| spot.remedy.as_ref().map(|remedy| (cause, spot, remedy)))
         .collect();
-    treated.sort_by(|a, b| b.1.area_mm2.total_cmp(&a.1.area_mm2));
+    sort_descending(&mut treated, |treated| treated.1.area_mm2);
     treated
 }
 

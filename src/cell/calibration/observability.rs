@@ -4,6 +4,7 @@
 use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, Vector3};
 
 use crate::cell::closed_list;
+use crate::geometry::sort_ascending;
 
 /// Fewest observations that determine anything.
 pub const MIN_OBSERVATIONS: usize = 3;
@@ -118,7 +119,7 @@ fn spread(frames: &[Isometry3<f64>]) -> ([f64; 3], Vector3<f64>) {
     }
     let eigen = (sum / count.max(1.0)).symmetric_eigen();
     let mut order = [0, 1, 2];
-    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+    sort_ascending(&mut order, |axis| eigen.eigenvalues[*axis]);
     (order.map(|index| eigen.eigenvalues[index].max(0.0).sqrt()), eigen.eigenvectors.column(order[2]).into_owned())
 }
 

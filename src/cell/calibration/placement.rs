@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, Matrix3, Matrix6, Point3, SMatrix, Translation3, Vecto
 
 use super::se3::adjoint;
 use super::start::nearest_rotation;
+use crate::geometry::descending;
 
 /// Distance from the line through the farthest points below which points lie on a line, as a share of their extent.
 const COLLINEAR: f64 = 1e-3;
@@ -127,8 +128,7 @@ pub fn stray_point(pairs_mm: &[[Point3<f64>; 2]], placed: &Placement, sigma_mm: 
     if pairs_mm.len() < 4 || residuals_mm.len() != pairs_mm.len() {
         return None;
     }
-    let mut worst: Vec<usize> = (0..pairs_mm.len()).collect();
-    worst.sort_by(|a, b| residuals_mm[*b].total_cmp(&residuals_mm[*a]));
+    let mut worst = descending(residuals_mm);
     worst.truncate(if pairs_mm.len() == 4 { 1 } else { LEFT_OUT });
     let near_mm = sigma_mm.map_or(NEAR_MM, |sigma_mm| NEAR_SIGMAS * sigma_mm);
     let mut found: Option<(f64, StrayPoint)> = None;

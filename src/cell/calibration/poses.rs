@@ -11,7 +11,7 @@ use super::data::{ChainEstimate, HandEyeSetup, Sighting, Sigma, Weighting};
 use super::refine::{Adjustment, Free, Refined, Square, linearised};
 use crate::cell::halton::halton;
 use crate::cell::{Cell, CollisionScene, Configuration};
-use crate::geometry::{Board, Cloud, Flange, Mesh, Plate, Pose, ScannerFrame};
+use crate::geometry::{Board, Cloud, Flange, Mesh, Plate, Pose, ScannerFrame, sort_ascending};
 
 /// Views that are tried.
 const VIEWS: u32 = 1500;
@@ -116,7 +116,7 @@ impl PosePlanner<'_> {
             solutions.flat_map(|joints_rad| axes.windings(&Configuration { joints_rad, table_rad })).collect();
         wound.retain(|configuration| configuration.table_rad.to_bits() == table_rad.to_bits());
         let home = self.cell.home_rad;
-        wound.sort_by(|a, b| home.distance_rad(a).total_cmp(&home.distance_rad(b)));
+        sort_ascending(&mut wound, |joints| home.distance_rad(joints));
         let configuration = wound.into_iter().find(|configuration| scene.check(configuration).is_none())?;
         let cloud_from_board = *(self.scanner_from_cloud.inverse() * scanner_from_board).isometry();
         let base_from_flange = *self.cell.robot.base_from_flange(&configuration.joints_rad).isometry();

@@ -6,6 +6,7 @@
 use super::chi_squared::{exceedance, quantile, quantile_of};
 use super::data::{ChainEstimate, Sighting, Sigma, SigmaSource, Weighting};
 use super::refine::{Adjustment, Free, Refined};
+use crate::geometry::sort_ascending;
 
 /// Sets of four that are tried: with three good observations of four, all 60 contain a bad one in 1 of 10⁹ cases.
 const DRAWS: usize = 60;
@@ -252,7 +253,7 @@ impl Screening<'_> {
             .map(|index| (screened.refined.chi2_of_other(&self.sightings[index]), index))
             .filter(|(square, _)| *square < MAX_READMITTED * quantile(FALSE_DROP, 6))
             .collect();
-        dropped.sort_by(|a, b| a.0.total_cmp(&b.0));
+        sort_ascending(&mut dropped, |sighting| sighting.0);
         offer(dropped.into_iter().map(|(_, index)| index), |index| {
             let mut is_used = screened.is_used.clone();
             is_used[index] = true;

@@ -8,6 +8,7 @@ use nalgebra::{DMatrix, Isometry3, Matrix3, Rotation3, SMatrix, Translation3, Un
 
 use super::data::{ChainEstimate, Sighting};
 use super::se3::mean_pose;
+use crate::geometry::descending;
 
 /// Smallest turn between two observations that tells a screw axis, rad.
 const MIN_SCREW_RAD: f64 = 1e-3;
@@ -71,8 +72,7 @@ pub fn daniilidis(frames: &[Isometry3<f64>], seen: &[Isometry3<f64>]) -> Option<
     }
     let svd = stacked.svd(false, true);
     let v_t = svd.v_t?;
-    let mut order: Vec<usize> = (0..svd.singular_values.len()).collect();
-    order.sort_by(|a, b| svd.singular_values[*b].total_cmp(&svd.singular_values[*a]));
+    let order = descending(svd.singular_values.as_slice());
     let row = |place: usize| -> [f64; 8] { std::array::from_fn(|column| v_t[(order[place], column)]) };
     dual_solution(&row(6), &row(7))
 }

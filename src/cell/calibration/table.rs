@@ -9,6 +9,7 @@ use super::data::{ChainEstimate, Sighting};
 use super::refine::{BOARD_COLUMN, COLUMNS, Increment, Refined, TABLE_COLUMN, moved};
 use super::se3::adjoint;
 use crate::cell::runout::{RunoutHarmonic, RunoutSpec, error_motion};
+use crate::geometry::sort_ascending;
 
 /// Harmonics that are told.
 const ORDERS: usize = 2;
@@ -203,7 +204,7 @@ pub fn plate_face(points_mm: &[Point3<f64>]) -> Option<PlateFace> {
     let scatter: Matrix3<f64> = points_mm.iter().map(|point| (point.coords - centre) * (point.coords - centre).transpose()).sum();
     let eigen = scatter.symmetric_eigen();
     let mut order = [0, 1, 2];
-    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+    sort_ascending(&mut order, |axis| eigen.eigenvalues[*axis]);
     let normal = eigen.eigenvectors.column(order[0]).into_owned();
     let normal = if normal.z < 0.0 { -normal } else { normal };
     // Flat across both directions, and not upright: a plate can be told.

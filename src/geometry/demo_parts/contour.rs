@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use nalgebra::{Point3, SymmetricEigen, Vector3};
 
 use super::field::DistanceField;
-use crate::geometry::{Aabb, Mesh, assess};
+use crate::geometry::{Aabb, Mesh, assess, sort_descending};
 
 /// Eigenvalues below this share of the largest say nothing about where the vertex is: the surface is flat or an edge.
 const MIN_EIGENVALUE_SHARE: f64 = 0.05;
@@ -243,7 +243,7 @@ fn best_points(data: &[Hermite]) -> [Point3<f64>; 3] {
     let right = data.iter().map(|h| h.normal * h.normal.dot(&(h.point - middle))).sum::<Vector3<f64>>();
     let eigen = SymmetricEigen::new(matrix);
     let mut strongest = [0, 1, 2];
-    strongest.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
+    sort_descending(&mut strongest, |axis| eigen.eigenvalues[*axis]);
     let step = |k: usize| {
         let (direction, value) = (eigen.eigenvectors.column(k), eigen.eigenvalues[k]);
         let tells = value > MIN_EIGENVALUE_SHARE * eigen.eigenvalues[strongest[0]];

@@ -16,7 +16,7 @@ use parry3d::partitioning::{Bvh, BvhBuildStrategy};
 use super::bodies::{Bodies, ClosedBody, encloses, winding_number};
 use crate::geometry::poll::{Interrupted, Poll};
 use crate::geometry::side_by_side::PIECE;
-use crate::geometry::{Aabb, Mesh, nearest_of_triangle};
+use crate::geometry::{Aabb, Mesh, nearest_of_triangle, sort_ascending};
 
 /// Work on all pairs, in units of [`Poll`]; about a third of a second.
 const OVERLAP_BUDGET: usize = 300_000_000;
@@ -45,7 +45,7 @@ pub(super) fn overlapping_pairs(mesh: &Mesh, bodies: &Bodies, poll: &Poll<'_>) -
     }
     let mut solids = bodies.solids(mesh, poll)?;
     solids.retain(|solid| solid.volume_mm3 > 0.0);
-    solids.sort_by(|a, b| a.aabb.min.x.total_cmp(&b.aabb.min.x));
+    sort_ascending(&mut solids, |solid| solid.aabb.min.x);
     let mut search = Search::new(mesh, bodies, OVERLAP_BUDGET, poll)?;
     let mut pairs = Vec::new();
     match search.find(&solids, &mut pairs) {

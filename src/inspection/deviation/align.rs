@@ -23,7 +23,7 @@ use super::{
     compare, lever, variance,
 };
 use crate::cell::calibration::se3::exp;
-use crate::geometry::{Part, Pose, parallel};
+use crate::geometry::{Part, Pose, parallel, sort_ascending, sort_descending};
 use crate::inspection::OpenPoses;
 use crate::inspection::registration::locate::STATED_REACH_MM;
 use crate::planning::ids::SampleId;
@@ -128,9 +128,9 @@ impl Aligned {
             f64::from(own.distance_mm) + sign * f64::from(own.of_points_mm)
         };
         of_views.into_values().filter(|samples| samples.len() > 2 * by_noise + 1).any(|mut samples| {
-            samples.sort_by(|a, b| bound(*a, 1.0).total_cmp(&bound(*b, 1.0)));
+            sort_ascending(&mut samples, |sample| bound(*sample, 1.0));
             let low = samples[by_noise];
-            samples.sort_by(|a, b| bound(*b, -1.0).total_cmp(&bound(*a, -1.0)));
+            sort_descending(&mut samples, |sample| bound(*sample, -1.0));
             let high = samples[by_noise];
             let beyond_mm = bound(high, -1.0) - bound(low, 1.0) - tolerance_mm;
             beyond_mm > 0.0 && beyond_mm > 2.0 * poses.difference_mm2(deviation, nominal, [high, low]).sqrt()

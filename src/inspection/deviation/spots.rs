@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Point3, Vector3};
 
 use super::{Deviation, DeviationOptions, MaterialKind, Nominal, SampleDeviation};
+use crate::geometry::sort_descending;
 use crate::planning::ids::SampleId;
 
 /// Cells of neighbours, in distances between samples.
@@ -59,7 +60,7 @@ pub(super) fn worst(
             }
         }
     }
-    found.sort_by(|a, b| b.worst_mm.abs().total_cmp(&a.worst_mm.abs()));
+    sort_descending(&mut found, |spot| spot.worst_mm.abs());
     found.truncate(count);
     found
 }

@@ -4,6 +4,7 @@ use nalgebra::Point3;
 
 use super::{DeviationOptions, SampleDeviation};
 use crate::cell::closed_list;
+use crate::geometry::sort_ascending;
 use crate::planning::ids::SampleId;
 use crate::planning::surface::Surface;
 
@@ -84,7 +85,7 @@ pub fn statistics(
     let max_mm = values.iter().fold(0.0_f64, |worst, (distance, _)| if distance.abs() > worst.abs() { *distance } else { worst });
     let within = |limit: f64| values.iter().filter(|(distance, _)| distance.abs() <= limit).map(|(_, area)| area).sum::<f64>();
     let in_tolerance = tolerance_mm.map(|tolerance| within(0.5 * tolerance) / area_mm2);
-    values.sort_by(|a, b| a.0.total_cmp(&b.0));
+    sort_ascending(&mut values, |value| value.0);
     let percentiles_mm = PERCENTILES.map(|share| {
         let mut before = 0.0;
         let place = values.iter().position(|(_, area)| {

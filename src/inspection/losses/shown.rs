@@ -15,7 +15,7 @@ use std::array;
 
 use nalgebra::{Point3, Vector3};
 
-use crate::geometry::{Mesh, Part, Pose, ScannerFrame, nearest_of_triangle};
+use crate::geometry::{Mesh, Part, Pose, ScannerFrame, nearest_of_triangle, sort_ascending};
 use crate::inspection::coverage::{NominalModel, SeenSample, ViewLookup};
 use crate::planning::context::Context;
 
@@ -176,7 +176,7 @@ fn scatter_mm(off: &[Option<Off>; CELLS], is_even: impl Fn(usize, usize) -> bool
     }
     let (mut differences_mm, of_sigma) =
         if second_mm.is_empty() { (first_mm, FIRST_OF_SIGMA) } else { (second_mm, SECOND_OF_SIGMA) };
-    differences_mm.sort_by(|a: &f64, b| a.abs().total_cmp(&b.abs()));
+    sort_ascending(&mut differences_mm, |difference_mm| difference_mm.abs());
     let middle = differences_mm.len().saturating_sub(1) / 2;
     differences_mm.get(middle).map_or(0.0, |difference_mm| difference_mm.abs() / of_sigma)
 }

@@ -14,7 +14,7 @@ use super::turns::{TurnVerdict, turned, turned_back};
 use super::{MAX_POINTS, RegistrationOptions, State};
 use crate::cell::calibration::se3::Twist;
 use crate::cell::closed_list;
-use crate::geometry::{Aabb, Mesh, NearestFace, Part, Pose};
+use crate::geometry::{Aabb, Mesh, NearestFace, Part, Pose, sort_descending};
 use crate::inspection::ViewScan;
 
 /// Points with which poses are refined and compared.
@@ -98,10 +98,10 @@ pub fn locate<S: Borrow<ViewScan>>(scans: &[S], nearest: &NearestFace<'_>, optio
     let mut starts = vec![Isometry3::identity()];
     starts.extend(voted(scans, nearest.mesh(), &search.around));
     let mut found: Vec<Scored> = starts.iter().map(|start| search.refined(start)).collect();
-    found.sort_by(|a, b| b.share.total_cmp(&a.share));
+    sort_descending(&mut found, |found| found.share);
     let best = found[0].pose;
     found.extend(flips(&search.around).iter().map(|flip| search.refined(&(flip * best))));
-    found.sort_by(|a, b| b.share.total_cmp(&a.share));
+    sort_descending(&mut found, |found| found.share);
     let best = found[0];
     let second = found.iter().find(|other| search.differ(&best.pose, &other.pose)).copied();
     let rival = second.filter(|second| second.share >= options.second_share * best.share);

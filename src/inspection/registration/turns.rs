@@ -25,7 +25,7 @@ use super::compared::{
 use super::locate::{Scored, Search};
 use super::points::ViewPoints;
 use crate::cell::calibration::se3::Twist;
-use crate::geometry::{Aabb, NearestFace, parallel};
+use crate::geometry::{Aabb, NearestFace, ascending, parallel, sort_ascending};
 use crate::inspection::ViewScan;
 
 #[cfg(test)]
@@ -87,7 +87,7 @@ pub(super) fn turned_back<S: Borrow<ViewScan>>(
     if backs.is_empty() {
         return None;
     }
-    backs.sort_by(|a, b| a.0.total_cmp(&b.0));
+    sort_ascending(&mut backs, |back| back.0);
     let points = ComparedPoints::of_part(scans, diameter_mm);
     let limit_mm = OFF_SDS * points.sd_mm(taken, search.nearest);
     let costs_of = |pose: &Isometry3<f64>| points.costs(pose, search.nearest, limit_mm);
@@ -295,10 +295,8 @@ fn starts(
         squares.sum::<f64>()
     };
     let costs: Vec<f64> = parallel::map(&fine, cost);
-    let mut order: Vec<usize> = (0..fine.len()).collect();
-    order.sort_by(|a, b| costs[*a].total_cmp(&costs[*b]).then(a.cmp(b)));
     let mut apart: Vec<Isometry3<f64>> = Vec::with_capacity(RIVALS);
-    for place in order {
+    for place in ascending(&costs) {
         let turn = fine[place];
         let is_apart = |other: &Isometry3<f64>| turn.rotation.angle_to(&other.rotation) > APART_RAD;
         if apart.len() < RIVALS && turn.rotation.angle() > AWAY_RAD && apart.iter().all(is_apart) {

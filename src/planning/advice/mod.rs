@@ -48,7 +48,7 @@ use super::setups::registration::union_of;
 use super::stations::Station;
 use super::visibility::{Row, SampleSet};
 use crate::cell::{Cell, Configuration};
-use crate::geometry::{Part, Pose, RayScene, Table};
+use crate::geometry::{Part, Pose, RayScene, Table, sort_descending};
 use better_grades::BetterGrades;
 use more_views::MoreViews;
 
@@ -212,7 +212,7 @@ pub(super) fn of(
     let turn_over = turn_over::advice(&Basis::of_outcome(outcome), outcome, scope, ctx)?;
     let mut advice: Vec<PlanAdvice> = turn_over.into_iter().chain(more_views).collect();
     // Stable: of equal ones the order above stays.
-    advice.sort_by(|a, b| b.measured_area_mm2.total_cmp(&a.measured_area_mm2));
+    sort_descending(&mut advice, |advice| advice.measured_area_mm2);
     advice.extend(better_grades.map(|better| better.advice(basis, outcome, scope.input.cell)));
     Ok(advice)
 }

@@ -19,7 +19,7 @@ use super::spread::widest;
 use super::{Aim, Label, Scope};
 use crate::cell::{DeviceName, PerDevice};
 use crate::geometry::parallel;
-use crate::geometry::{RayScene, SimdLevel};
+use crate::geometry::{RayScene, SimdLevel, sort_descending};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::SampleId;
 
@@ -130,7 +130,7 @@ impl<'a> ViewSolver<'a> {
         let directions: Vec<_> = spiral(SKY, lowest).map(|direction| from_z * direction).collect();
         let mut sky = self.open(from_mm, &directions);
         let middle = sky.iter().sum::<Vector3<f64>>();
-        sky.sort_by(|a, b| b.dot(&middle).total_cmp(&a.dot(&middle)));
+        sort_descending(&mut sky, |direction| direction.dot(&middle));
         let every = sky.len().div_ceil(AXES).max(1);
         middle.try_normalize(f64::MIN_POSITIVE).into_iter().chain(sky.into_iter().step_by(every)).collect()
     }

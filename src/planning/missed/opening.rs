@@ -4,7 +4,7 @@ use nalgebra::{Unit, Vector3};
 
 use super::proposals::directions;
 use super::spot_samples::SpotSamples;
-use crate::geometry::{RayScene, SimdLevel};
+use crate::geometry::{RayScene, SimdLevel, sort_descending};
 use crate::planning::surface::AskedPoint;
 
 /// Directions that are looked into: about 9° apart.
@@ -32,7 +32,7 @@ pub(super) fn directions_of(samples: &SpotSamples, rays: &RayScene, reach_mm: f6
         (*towards, own + around)
     };
     let mut ranked: Vec<_> = worth.iter().map(supported).collect();
-    ranked.sort_by(|a, b| b.1.total_cmp(&a.1));
+    sort_descending(&mut ranked, |ranked| ranked.1);
     // Square to the spot comes first where that is open: the lattice only comes near it.
     let mean = Unit::try_new(from.iter().map(|point| point.normal).sum::<Vector3<f64>>(), f64::EPSILON);
     let mut chosen: Vec<Unit<Vector3<f64>>> = mean.into_iter().filter(|towards| openness(&[*towards])[0] > 0.0).collect();

@@ -15,7 +15,7 @@ use super::spot_samples::SpotSamples;
 use super::spots::{self, Spot};
 use super::{bases, opening};
 use crate::cell::Scanner;
-use crate::geometry::{Aabb, Mesh, Part, Pose, RayScene, ScannerFrame, Table, parallel};
+use crate::geometry::{Aabb, Mesh, Part, Pose, RayScene, ScannerFrame, Table, parallel, sort_descending};
 use crate::planning::candidates::CandidateSet;
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::CandidateIndex;
@@ -99,7 +99,7 @@ pub(in crate::planning) fn explain(
 fn remedies(analysis: &MissAnalysis<'_>, spots: &[Spot], ctx: &Context<'_>) -> Result<Vec<Option<Remedy>>, Cancelled> {
     // Views that would measure what is at risk there are: more of the kind do not help.
     let mut largest: Vec<usize> = (0..spots.len()).filter(|spot| spots[*spot].cause != Cause::AtRisk).collect();
-    largest.sort_by(|a, b| spots[*b].area_mm2.total_cmp(&spots[*a].area_mm2));
+    sort_descending(&mut largest, |spot| spots[*spot].area_mm2);
     largest.truncate(analysis.params.missed.remedies as usize);
     if largest.is_empty() {
         return Ok(vec![None; spots.len()]);

@@ -3,7 +3,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use crate::geometry::{Aabb, Mesh, components_sharing};
+use crate::geometry::{Aabb, Mesh, components_sharing, sort_descending};
 use crate::planning::ids::{PatchId, SampleId};
 use crate::planning::plan::{Cause, Verdict};
 use crate::planning::surface::Surface;
@@ -50,7 +50,7 @@ pub fn spots_of<C: Copy>(cause: C, samples: Vec<SampleId>, mesh: &Mesh, surface:
     }
     let mut spots: Vec<Spot<C>> = members.into_iter().map(|samples| Spot::new(cause, samples, mesh, surface)).collect();
     // A stable sort: spots of equal area stay ordered by their first patch.
-    spots.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    sort_descending(&mut spots, |spot| spot.area_mm2);
     spots
 }
 

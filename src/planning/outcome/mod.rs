@@ -27,7 +27,7 @@ use super::setups::registration::{MeasuredSurface, SharedSurface, Stability};
 use super::stations::{Station, StationFailure};
 use super::visibility::{self, Occluders, Optics, Row, SampleSet};
 use crate::cell::Configuration;
-use crate::geometry::{Part, Pose, RayScene, ScannerFrame, parallel};
+use crate::geometry::{Part, Pose, RayScene, ScannerFrame, parallel, sort_descending};
 
 /// A solved problem: chosen views, with what became of each.
 struct Solution<'a> {
@@ -432,7 +432,7 @@ pub(super) fn nothing_measured(
     };
     let mut missed_mm2: Vec<_> = Cause::ALL.map(|cause| (cause, area_of(cause))).into();
     missed_mm2.retain(|(_, area_mm2)| *area_mm2 > 0.0);
-    missed_mm2.sort_by(|a, b| b.1.total_cmp(&a.1));
+    sort_descending(&mut missed_mm2, |missed| missed.1);
     let asked_mm2 = problem.asked_area_mm2.iter().sum();
     let (candidates, setups) = (candidate_counts(problem), problem.setups.clone());
     Ok(NoPlan::NothingMeasured { candidates, asked_mm2, missed_mm2, obstructions, setups })

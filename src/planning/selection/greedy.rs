@@ -8,7 +8,7 @@
 use super::overlap::Overlap;
 use super::score::{Scorer, Uncovered};
 use super::{Choice, Cover, CoverProblem, Goal, StopReason, is_for_coverage, max_views};
-use crate::geometry::{SimdLevel, parallel};
+use crate::geometry::{SimdLevel, parallel, sort_descending};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::{RowIndex, SampleId};
 use crate::planning::params::{ScoreParams, SelectionParams};
@@ -212,7 +212,7 @@ impl CandidateQueue for BatchQueue {
     ) -> Result<Option<(RowIndex, f64)>, Cancelled> {
         let scorer = round.scorer;
         let mut order: Vec<RowIndex> = RowIndex::first(self.upper_bound.len()).collect();
-        order.sort_by(|a, b| self.upper_bound[b.index()].total_cmp(&self.upper_bound[a.index()]));
+        sort_descending(&mut order, |row| self.upper_bound[row.index()]);
         let mut best = None;
         for batch in order.chunks(BATCH) {
             if best.is_some_and(|best| precedes(best, (batch[0], self.upper_bound[batch[0].index()]))) {

@@ -9,7 +9,7 @@ use std::sync::{Arc, OnceLock};
 use super::moves::{Moves, SegmentCache};
 use super::roadmap::Roadmap;
 use crate::cell::{CollisionScene, Configuration};
-use crate::geometry::parallel;
+use crate::geometry::{parallel, sort_ascending};
 
 /// Connections of a station to the roadmap that are checked at most.
 const MAX_CHECKED: usize = 16;
@@ -80,7 +80,7 @@ impl Network {
                 })
             })
             .collect();
-        connections.sort_by(|a, b| a.secs.total_cmp(&b.secs));
+        sort_ascending(&mut connections, |connection| connection.secs);
         let mut segments = SegmentCache::new(moves);
         let mut is_free = |connection: &RoadmapWay| {
             segments.is_free(&connection.retreat.unwrap_or(*station), &self.vertex(connection.vertex, station.table_rad))

@@ -9,7 +9,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::routes::{Route, Routes};
 use crate::cell::Configuration;
-use crate::geometry::{Plate, Pose, ScannerFrame};
+use crate::geometry::{Plate, Pose, ScannerFrame, sort_ascending, sort_descending};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::ViewId;
 use crate::planning::params::TableMotion;
@@ -148,7 +148,7 @@ impl Tour {
             }
         }
         // Stable: of equal ones the first.
-        quicker.sort_by(|a, b| b.0.total_cmp(&a.0));
+        sort_descending(&mut quicker, |(saved_secs, _)| *saved_secs);
         let is_free = |there: &[Configuration]| {
             let after = self.stops.get(first + there.len()).map_or(*routes.home(), |(_, next)| *next);
             let points: Vec<Configuration> = [&[self.before(first, routes.home())], there, &[after]].concat();
@@ -178,7 +178,7 @@ impl Tour {
             .map(|there| (moves.straight_secs(&before, &there) + moves.straight_secs(&there, &after), there))
             .filter(|(secs, _)| *secs < taken_secs - MIN_SAVING_SECS)
             .collect();
-        quicker.sort_by(|a, b| a.0.total_cmp(&b.0));
+        sort_ascending(&mut quicker, |(secs, _)| *secs);
         let is_free = |there: &Configuration| moves.is_free(&before, there) && moves.is_free(there, &after);
         let free = quicker.into_iter().find(|(_, there)| is_free(there) && accept(there));
         free.map(|(_, there)| there)

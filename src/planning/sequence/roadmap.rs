@@ -16,7 +16,7 @@ use sha2::{Digest, Sha256};
 
 use crate::cell::collision::MIN_CLEARANCE_MM;
 use crate::cell::{Axes, Body, Cell, CollisionScene, Configuration, Shape};
-use crate::geometry::{Base, Mesh, Pose, ScannerFrame, Table};
+use crate::geometry::{Base, Mesh, Pose, ScannerFrame, Table, sort_ascending};
 use crate::planning::candidates::{looking_along, spiral};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::random::Stream;
@@ -113,7 +113,7 @@ fn random(axes: &Axes) -> impl Iterator<Item = Configuration> {
 fn nearest(vertex: usize, vertices: &[Configuration], axes: &Axes) -> Vec<[usize; 2]> {
     let secs = |other: usize| axes.move_secs(&vertices[vertex], &vertices[other], 1.0);
     let mut others: Vec<_> = (0..vertices.len()).filter(|other| *other != vertex).map(|other| (secs(other), other)).collect();
-    others.sort_by(|a, b| a.0.total_cmp(&b.0));
+    sort_ascending(&mut others, |other| other.0);
     others.into_iter().take(NEIGHBOURS).map(|(_, other)| [vertex.min(other), vertex.max(other)]).collect()
 }
 

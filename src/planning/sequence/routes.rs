@@ -11,7 +11,7 @@ use super::moves::{Moves, SegmentCache};
 use super::network::{Network, RoadmapWay};
 use super::roadmap::Roadmaps;
 use crate::cell::{Cell, CollisionScene, Configuration};
-use crate::geometry::{Base, Pose, ScannerFrame};
+use crate::geometry::{Base, Pose, ScannerFrame, sort_ascending};
 use crate::planning::context::{Cancelled, Context, Stage};
 use crate::planning::params::MotionParams;
 
@@ -218,7 +218,7 @@ impl<'a> Routes<'a> {
     ) -> Option<Route> {
         let mut routes: Vec<_> = vias.into_iter().map(|via_rad| self.route(from, via_rad, to)).collect();
         routes.retain(|route| route.secs < limit_secs);
-        routes.sort_by(|a, b| a.secs.total_cmp(&b.secs));
+        sort_ascending(&mut routes, |route| route.secs);
         let mut segments = SegmentCache::new(&self.moves);
         routes.into_iter().find(|route| {
             let points: Vec<_> = std::iter::once(from).chain(&route.via_rad).chain(std::iter::once(to)).collect();

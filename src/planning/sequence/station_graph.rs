@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::routes::{Route, Routes, StationNode};
 use crate::cell::Configuration;
-use crate::geometry::parallel;
+use crate::geometry::{parallel, sort_ascending};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::ids::ViewId;
 use crate::planning::stations::Station;
@@ -128,7 +128,7 @@ fn route_through_another(
     ctx.check()?;
     let move_from = |(other, _): &(Configuration, Route)| routes.moves.straight_secs(other, station);
     let mut near: Vec<_> = others.iter().map(|other| (move_from(other), other)).collect();
-    near.sort_by(|a, b| a.0.total_cmp(&b.0));
+    sort_ascending(&mut near, |node| node.0);
     let free = near.into_iter().take(NEIGHBOURS).find(|(_, (other, _))| routes.moves.is_free(other, station));
     Ok(free.map(|(secs, (other, from_home))| Route {
         via_rad: from_home.via_rad.iter().copied().chain([*other]).collect(),

@@ -12,7 +12,7 @@ mod bound;
 
 use std::ops::Range;
 
-use crate::geometry::parallel;
+use crate::geometry::{parallel, sort_ascending};
 use crate::planning::context::{Cancelled, Context};
 use crate::planning::random::Stream;
 
@@ -185,7 +185,7 @@ fn search(
 ) -> Result<Vec<Vec<usize>>, Cancelled> {
     let run = |run: usize| NeighbourhoodSearch::new(groups, costs, Stream::new(0, &[STREAM, run as u64])).run(known, effort, ctx);
     let mut found: Vec<(f64, Vec<usize>)> = parallel::try_map_range(RUNS, run)?;
-    found.sort_by(|a, b| a.0.total_cmp(&b.0));
+    sort_ascending(&mut found, |found| found.0);
     Ok(found.into_iter().map(|(_, tour)| tour).collect())
 }
 
@@ -254,7 +254,7 @@ impl<'a> NeighbourhoodSearch<'a> {
             1 => (0..count).for_each(|at| out.swap(at, at + self.any(tour.len() - at))),
             _ => {
                 let centre = tour[self.any(tour.len())];
-                out.sort_by(|a, b| self.costs.get(centre, *a).total_cmp(&self.costs.get(centre, *b)));
+                sort_ascending(&mut out, |found| self.costs.get(centre, *found));
             }
         }
         out.truncate(count);

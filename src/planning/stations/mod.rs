@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use super::context::{Cancelled, Context};
 use super::params::TableMotion;
 use crate::cell::{Axes, Cell, CollisionScene, Configuration};
-use crate::geometry::{Part, Pose, ScannerFrame, Table, parallel, plate_from_placed};
+use crate::geometry::{Part, Pose, ScannerFrame, Table, parallel, plate_from_placed, sort_ascending};
 
 /// Step of the table, in whole parts of a turn: 5°.
 const TABLE_STEPS: u32 = 72;
@@ -269,7 +269,7 @@ impl StationSearch<'_> {
             }
         }
         // Stable, as the solutions are sorted.
-        taken.sort_by(|a, b| a.secs_from_home.total_cmp(&b.secs_from_home));
+        sort_ascending(&mut taken, |station| station.secs_from_home);
         Ok(taken.into_iter().map(|solution| solution.configuration).collect())
     }
 
@@ -294,7 +294,7 @@ impl StationSearch<'_> {
             }
         }
         // Stable: ties keep the order of table angle and IK solution.
-        solutions.sort_by(|a, b| a.secs_from_home.total_cmp(&b.secs_from_home));
+        sort_ascending(&mut solutions, |station| station.secs_from_home);
         (solutions, poses)
     }
 }

@@ -5,6 +5,7 @@ use super::chart;
 use super::markup::{area, duration, escape, nonzero, number, percent, prose, triple};
 use super::views::swatch;
 use super::words;
+use crate::geometry::sort_descending;
 use crate::planning::params::PlanParams;
 use crate::planning::plan::{CandidateCounts, MissedCause, Obstruction, RiskReason, SetupId, Stability, share};
 use crate::planning::sequence::{Leg, Sequence};
@@ -76,7 +77,7 @@ fn curve(input: &ReportInput<'_>) -> String {
 /// Part on the causes of missed area; empty if nothing is missed.
 fn causes(input: &ReportInput<'_>) -> String {
     let mut by_area: Vec<&MissedCause> = input.outcome.plan.missed.iter().collect();
-    by_area.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    sort_descending(&mut by_area, |spot| spot.area_mm2);
     let rows: String = by_area.iter().map(|cause| missed_row(input, cause)).collect();
     if rows.is_empty() {
         return rows;

@@ -11,7 +11,7 @@ use super::album::{Album, Picture};
 use super::markup::{escape, number};
 use super::{ReportInput, ReportSubject};
 use crate::cell::Scanner;
-use crate::geometry::{Device, Mesh, Part, Pose, ScannerFrame, SimdLevel, Table};
+use crate::geometry::{Device, Mesh, Part, Pose, ScannerFrame, SimdLevel, Table, sort_descending};
 use crate::planning::plan::{Grade, Outcome, PlannedView, Verdict};
 use crate::planning::visibility::Row;
 use crate::rendering::{Camera, Ink, Seen};
@@ -167,7 +167,7 @@ fn axes(camera: &Camera) -> String {
     let [x0, y0] = [AXES_AT_PX, camera.size_px[1] as f64 - AXES_AT_PX];
     let mut axes = [("x", Vector3::x()), ("y", Vector3::y()), ("z", Vector3::z())]
         .map(|(name, axis)| (name, camera.camera_from_part.direction(&axis)));
-    axes.sort_by(|a, b| b.1.z.total_cmp(&a.1.z));
+    sort_descending(&mut axes, |axis| axis.1.z);
     let mut svg = String::new();
     for (name, axis) in axes {
         let at = |length_px: f64| (x0 + length_px * axis.x, y0 + length_px * axis.y);

@@ -7,6 +7,7 @@ use nalgebra::Point3;
 
 use super::ReportInput;
 use super::pictures::SIDES;
+use crate::geometry::sort_descending;
 use crate::planning::ids::SampleId;
 use crate::planning::plan::{Cause, MissedSpot, Outcome, Verdict};
 use crate::rendering::Seen;
@@ -46,7 +47,7 @@ pub(super) fn numbered<'a>(input: &ReportInput<'a>) -> Vec<NumberedSpot<'a>> {
     let mut all: Vec<(Cause, &MissedSpot)> =
         missed.iter().flat_map(|missed| missed.spots.iter().map(move |spot| (missed.cause, spot))).collect();
     // Stable: equal ones stay in the order of their causes.
-    all.sort_by(|a, b| b.1.area_mm2.total_cmp(&a.1.area_mm2));
+    sort_descending(&mut all, |spot| spot.1.area_mm2);
     let kept = all.into_iter().enumerate().filter(|(rank, (_, spot))| *rank < NUMBERED || spot.remedy.is_some());
     let mut spots: Vec<NumberedSpot<'_>> =
         kept.zip(1..).map(|((_, (cause, spot)), number)| NumberedSpot { number, cause, spot, samples: Vec::new() }).collect();

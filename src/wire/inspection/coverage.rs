@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::geometry::sort_descending;
 use crate::inspection::coverage::{MeasuredCoverage, ViewCoverage};
 use crate::inspection::losses::{Loss, LossCause, LossRemedy, Losses, LostSpot};
 use crate::wire::schema_name::schema_name;
@@ -179,7 +180,7 @@ impl LossDocument {
     #[must_use]
     pub fn all(losses: &Losses, asked_mm2: f64) -> Vec<Self> {
         let mut documents: Vec<Self> = losses.by_cause.iter().map(|loss| Self::new(loss, asked_mm2, false)).collect();
-        documents.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+        sort_descending(&mut documents, |document| document.area_mm2);
         documents
     }
 }

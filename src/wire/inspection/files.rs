@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::geometry::LengthUnit;
+use crate::geometry::{LengthUnit, sort_descending};
 use crate::inspection::ingest::{
     FrameAttempt, IngestCode, IngestFinding, MAX_UNSEEN_SHARE, MIN_SHARE, RemovedBecause, ScanFrame, TakenScan,
 };
@@ -86,7 +86,7 @@ impl From<&IngestFinding> for IngestFindingDocument {
 
 fn tried(attempts: &[FrameAttempt]) -> String {
     let mut best: Vec<&FrameAttempt> = attempts.iter().collect();
-    best.sort_by(|a, b| b.on_part.total_cmp(&a.on_part));
+    sort_descending(&mut best, |file| file.on_part);
     let words = |attempt: &&FrameAttempt| {
         format!("{} as {} in the {} frame", percent_to(attempt.on_part, 0), unit_text(attempt.unit), attempt.frame.as_str())
     };

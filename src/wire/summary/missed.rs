@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use super::percent;
 use crate::cell::PoseSpec;
-use crate::geometry::{Part, Pose, Table};
+use crate::geometry::{Part, Pose, Table, sort_descending};
 use crate::planning::params::{SelectionGoal, TargetOf};
 use crate::planning::plan::{AdviceKind, Cause, MissedSpot, Plan, PlanAdvice, Remedy, RemedyKind, RemedyView, StopReason, share};
 use crate::wire::plan::{AdviceDocument, options};
@@ -139,7 +139,7 @@ fn merged<'a>(plan: &Plan, all: Vec<SpotsOfFix<'a>>, is_same: impl Fn([(Cause, &
     }
     let mut groups: Vec<_> = merged.iter().map(|(cause, fix, spots)| group(plan, *cause, fix.as_ref(), spots)).collect();
     // Stable: of equal ones the order of causes stays.
-    groups.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    sort_descending(&mut groups, |group| group.area_mm2);
     groups
 }
 
@@ -166,7 +166,7 @@ pub(super) fn with_home_remedy(groups: Vec<MissedGroup>, remedy: &str, is_of_ope
     };
     group.text = group.sentence(is_of_open);
     groups.push(group);
-    groups.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    sort_descending(&mut groups, |group| group.area_mm2);
     groups
 }
 

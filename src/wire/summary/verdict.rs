@@ -3,6 +3,7 @@
 use super::missed::raised_target;
 use super::{SummaryShares, no_path, percent, unmet_regions};
 use crate::cell::closed_list;
+use crate::geometry::sort_descending;
 use crate::planning::params::{OverlapParams, SelectionGoal, TargetOf};
 use crate::planning::plan::{Cause, MissedCause, Plan, RegionCoverage, Robust, StopReason, share};
 use crate::wire::plan::options;
@@ -302,7 +303,7 @@ fn no_gain(plan: &Plan) -> String {
 fn largest_causes(plan: &Plan) -> String {
     const NAMED: usize = 2;
     let mut missed: Vec<&MissedCause> = plan.missed.iter().collect();
-    missed.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    sort_descending(&mut missed, |missed| missed.area_mm2);
     let (named, rest) = missed.split_at(missed.len().min(NAMED));
     let of_asked = |area_mm2: f64| percent(share(area_mm2, plan.coverage.asked_area_mm2));
     let mut told: Vec<String> =

@@ -11,6 +11,7 @@ use super::model::LensParameters;
 use super::observations::DeviceSighting;
 use super::resect;
 use super::start::{board_pose, homography};
+use crate::geometry::sort_descending;
 
 /// Largest thickness of points that count as a plane at the start, as a share of their length.
 const MAX_THICKNESS: f64 = 0.01;
@@ -45,7 +46,7 @@ fn of_plane(lens: &LensParameters, points: &[(Point3<f64>, Vector2<f64>)]) -> Op
     let off = |point: &Point3<f64>| point.coords - middle;
     let axes = points.iter().map(|(point, _)| off(point) * off(point).transpose()).sum::<Matrix3<f64>>().symmetric_eigen();
     let mut order = [0, 1, 2];
-    order.sort_by(|a, b| axes.eigenvalues[*b].total_cmp(&axes.eigenvalues[*a]));
+    sort_descending(&mut order, |axis| axes.eigenvalues[*axis]);
     let [length, _, thickness] = order.map(|axis| axes.eigenvalues[axis].max(0.0).sqrt());
     if thickness > MAX_THICKNESS * length {
         return None;

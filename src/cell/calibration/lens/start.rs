@@ -11,6 +11,7 @@ use nalgebra::{
 
 use super::model::LensParameters;
 use super::observations::DeviceSighting;
+use crate::geometry::ascending;
 
 /// Fewest points of a view from which a homography is taken.
 pub(super) const MIN_POINTS: usize = 4;
@@ -72,8 +73,7 @@ pub(super) fn smallest_vector<const N: usize>(sum: &SMatrix<f64, N, N>) -> Optio
     }
     let dynamic = nalgebra::DMatrix::from_fn(N, N, |row, column| sum[(row, column)]);
     let eigen = dynamic.symmetric_eigen();
-    let mut order: Vec<usize> = (0..N).collect();
-    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+    let order = ascending(eigen.eigenvalues.as_slice());
     let vector = SVector::from_fn(|row, _| eigen.eigenvectors[(row, order[0])]);
     Some((vector, eigen.eigenvalues[order[1]]))
 }

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use super::super::Costs;
 use super::lanes::{Arcs, Extension, INFINITE, LANES, LaneCosts, NgLabels, SubsetMinimum, at};
 use super::ng_sets::NgSets;
-use crate::geometry::{SimdLevel, parallel, simd_min};
+use crate::geometry::{SimdLevel, parallel, simd_min, sort_ascending};
 
 /// Terms of the routes that are looked for.
 #[derive(Clone, Copy)]
@@ -105,7 +105,7 @@ impl<'a> Relaxation<'a> {
         };
         let nearest = |from: usize| {
             let mut others: Vec<_> = (0..groups).filter(|to| *to != from).map(|to| (apart(from, to), to)).collect();
-            others.sort_by(|a, b| a.0.total_cmp(&b.0));
+            sort_ascending(&mut others, |(secs, _)| f64::from(*secs));
             others.into_iter().take(count).map(|(_, to)| to).collect()
         };
         (0..groups).map(nearest).collect()
