@@ -66,12 +66,12 @@ function usePlayback(timeline: Timeline, start: number) {
 /** Points in time for which the distance is drawn: ten a second, 600 at most. */
 const clearancePoints = (total: number): number => Math.max(50, Math.min(600, Math.round(10 * total)));
 
-interface Clearances { curve: { x: number[]; mm: number[]; least: number } | null; now: Clearance | null; share: number; minMm: number }
+interface Clearances { curve: { x: number[]; mm: number[]; least: number } | null; now: Clearance | null; share: number; minMm: number; failure: string }
 
 /** Distance of the nearest bodies: along the whole program once, and at the present configuration as fast as it can be told. */
 function useClearances(loaded: Loaded, timeline: Timeline, tableFromPart: Pose, configuration: number[]): Clearances {
   const minMm = loaded.plan.params.motion.clearance_mm;
-  const state = useSignal<Clearances>({ curve: null, now: null, share: 0, minMm });
+  const state = useSignal<Clearances>({ curve: null, now: null, share: 0, minMm, failure: "" });
   const ask = useRef<((configuration: number[]) => void) | null>(null);
   const wanted = useRef(configuration);
   wanted.current = configuration;
@@ -79,7 +79,7 @@ function useClearances(loaded: Loaded, timeline: Timeline, tableFromPart: Pose, 
     const { cell, robot, table, scanner, meshes } = loaded.model;
     const tracer = new ClearanceTracer({ cell, robot, table, scanner, clearanceMm: minMm, part: loaded.mesh.positions, fixture: loaded.fixture?.positions ?? null, tableFromPart,
       meshes: Object.fromEntries(Object.entries(meshes).map(([id, mesh]) => [id, mesh.positions])) });
-    state.value = { curve: null, now: null, share: 0, minMm };
+    state.value = { curve: null, now: null, share: 0, minMm, failure: "" };
     let isBusy = false;
     ask.current = (asked) => {
       if (isBusy) return;
@@ -96,7 +96,7 @@ function useClearances(loaded: Loaded, timeline: Timeline, tableFromPart: Pose, 
     void tracer.at(x.map((at) => configurationAt(timeline, at)), (share) => { state.value = { ...state.value, share }; }).then((found) => {
       const mm = found.map((clearance) => clearance?.mm ?? FARTHEST_MM);
       state.value = { ...state.value, share: 1, curve: { x, mm, least: mm.indexOf(Math.min(...mm)) } };
-    });
+    }, (error: Error) => { state.value = { ...state.value, failure: error.message }; });
     window.vantage.clearanceAt = (configurations: number[][]) => tracer.at(configurations);
     return () => { ask.current = null; tracer.close(); };
   }, [timeline]);
@@ -185,20 +185,21 @@ function NowFacts({ loaded, scene, configuration, viewpoint }: { loaded: Loaded;
 const CURVE = "#0072b2";
 
 function ClearanceFacts({ clearances, now, onSeek }: { clearances: Clearances; now: number; onSeek: (time: number) => void }) {
-  const { curve, now: nearest, share, minMm } = clearances;
+  const { curve, now: nearest, share, minMm, failure } = clearances;
   const lines = useMemo(() => curve && [{ label: words.nearest, values: curve.mm.map(lengthIn), colour: CURVE },
     { label: words.kept, values: curve.mm.map(() => lengthIn(minMm)), isDashed: true, isFaint: true, colour: "#d55e00" }], [curve, unit.value]);
   return (
     <section id="clearance" data-mm={nearest?.mm} aria-label={words.nearest}>
       <h2>{words.nearest}</h2>
-      <p>{nearest ? <><strong>{length(nearest.mm)}</strong> {words.between(nearest.a, nearest.b)}</> : curve ? words.farther(length(FARTHEST_MM)) : text.loading}</p>
+      {failure && <p class="problem" role="alert">{failure}</p>}
+      <p>{nearest ? <><strong>{length(nearest.mm)}</strong> {words.between(nearest.a, nearest.b)}</> : curve ? words.farther(length(FARTHEST_MM)) : !failure && text.loading}</p>
       {curve ? (
         <>
           <p>{words.least} <button type="button" class="link" onClick={() => onSeek(curve.x[curve.least]!)}>
             {length(curve.mm[curve.least]!)}, {curve.x[curve.least]!.toFixed(1)} s</button></p>
           <Chart title={words.nearestOver} x={curve.x} lines={lines!} xLabel="s" yLabel={lengthUnit()} height={120} cursor={now} onPick={onSeek} legend={false} />
         </>
-      ) : <p class="soft" role="status">{words.measuring(percent(share, 0))}</p>}
+      ) : !failure && <p class="soft" role="status">{words.measuring(percent(share, 0))}</p>}
       <p class="soft">{words.nearestHint(length(minMm))}</p>
     </section>
   );

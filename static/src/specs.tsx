@@ -65,6 +65,7 @@ function Editor({ kind, item, onChanged }: { kind: string; item: Item; onChanged
   const [tab, setTab] = useState("form");
   const [saveAs, setSaveAs] = useState(item.name);
   const [said, setSaid] = useState("");
+  useEffect(() => setSaid(""), [draft.value, saveAs]);
   const spec = draft.value ?? loaded?.value ?? null;
   const report = useCheck(spec);
   if (error || !spec || !api) return <Pending error={error || noApi} />;

@@ -38,12 +38,15 @@ export function Button({ onClick, children, kind = "", idle = false, ...rest }: 
   "aria-label"?: string; class?: string;
 }) {
   const [busy, setBusy] = useState(false);
+  // A second click may come before the first one is drawn.
+  const isBusy = useRef(false);
   const click = (): void => {
-    if (busy || idle) return;
+    if (isBusy.current || idle) return;
     const result = onClick();
     if (!(result instanceof Promise)) return;
-    setBusy(true);
-    void guarded(() => result).finally(() => setBusy(false));
+    const set = (now: boolean): void => { isBusy.current = now; setBusy(now); };
+    set(true);
+    void guarded(() => result).finally(() => set(false));
   };
   return <button type="button" {...rest} class={`${kind} ${rest.class ?? ""}`} aria-disabled={busy || idle || undefined} onClick={click}>{children}</button>;
 }
