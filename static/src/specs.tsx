@@ -74,6 +74,7 @@ function Editor({ kind, item, onChanged }: { kind: string; item: Item; onChanged
   const goOn = (from: number, ...path: string[]): void => { if (visits.peek() === from) goTo(hrefOf(["specs", kind, ...path])); };
   const save = async (): Promise<void> => {
     const [isSame, from] = [saveAs === item.name, visits.peek()];
+    setSaid("");
     const tag = await putVersion(`/${kind}/${encodeURIComponent(saveAs)}`, { ...spec, name: saveAs }, isSame ? etag : "").catch(inWords);
     if (isSame) setStored(tag);
     setSaid(words.saved);

@@ -667,9 +667,12 @@ async function versions() {
     await press("Save");
     await saved.waitFor();
     await page.waitForFunction(async ([path, before]) => (await fetch(path)).headers.get("etag") !== before, [path, before], { polling: 200 });
-    // The page has the answer too: "Saved." may be that of the turn before.
     await page.getByRole("button", { name: "Save", exact: true, disabled: false }).waitFor();
   }
+  const name = page.getByLabel("Save as", { exact: true });
+  await name.fill("walked-on");
+  await saved.waitFor({ state: "detached" });
+  await name.fill("walked");
   assert.equal((await api("/scanners/walked")).depth_mm.far, spec.depth_mm.far - 1);
   await press("Delete");
   await confirm();
