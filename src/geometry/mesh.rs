@@ -110,3 +110,18 @@ impl Mesh {
         Aabb::around(&self.vertices_mm)
     }
 }
+
+#[cfg(test)]
+impl Mesh {
+    /// Several meshes as one.
+    pub(crate) fn joined(parts: &[Mesh]) -> Mesh {
+        let mut all = Mesh { vertices_mm: Vec::new(), faces: Vec::new(), source_face: Vec::new(), groups: Vec::new() };
+        for part in parts {
+            let first = all.vertices_mm.len() as u32;
+            all.vertices_mm.extend(&part.vertices_mm);
+            all.faces.extend(part.faces.iter().map(|face| face.map(|corner| corner + first)));
+        }
+        all.source_face = (0..all.faces.len() as u32).collect();
+        all
+    }
+}

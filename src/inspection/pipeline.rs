@@ -13,7 +13,7 @@ use super::deviation::{
 use super::identification::{self, Learned, Offer, Telling, TellingInput, TripleInput, noise, offers, telling, triples};
 use super::ingest::{Ingested, Removed};
 use super::losses::{LossInput, Losses, attribute};
-use super::registration::{RegistrationOptions, ScanRegistration, register};
+use super::registration::{KeptPose, RegistrationOptions, ScanRegistration, ViewRegistration, register};
 use super::{InspectionParams, RegisteredView, ViewScan};
 use crate::cell::{Cell, Scanner};
 use crate::geometry::{Mesh, NearestFace, Part, Pose, ScannerFrame, Table};
@@ -340,6 +340,7 @@ impl Judged<'_> {
             coverage: self.coverage,
             returns,
             model: self.model,
+            nearest: self.input.nearest,
             registered_rows: &registered_rows,
             limits: &limits,
             light: None,
@@ -373,7 +374,9 @@ impl Judged<'_> {
             }
         };
         ctx.check()?;
-        let part_covariance = &self.registration.part_covariance;
+        let is_doubtful = |view: &ViewRegistration| view.kept_pose.is_some_and(|kept| kept != KeptPose::FewPoints);
+        let is_unregistered: Vec<bool> = self.registration.found.iter().map(is_doubtful).collect();
+        let held = (&self.registration.part_covariance, &is_unregistered[..]);
         let samples = &aligned.deviation.samples;
         let whole = statistics(samples, surface, surface.samples(), None);
         let limit_mm = whole.map_or(1.0, |whole| whole.percentiles_mm[0].abs().max(whole.percentiles_mm[4].abs()).max(1e-3));
@@ -382,7 +385,7 @@ impl Judged<'_> {
             excluded: excluded(samples, surface, surface.samples()),
             histogram: histogram(samples, surface, limit_mm, CLASSES),
             extents: aligned.deviation.extents(&nominal),
-            regions: regions.iter().map(|region| aligned.judge_held(&nominal, region, &options, part_covariance)).collect(),
+            regions: regions.iter().map(|region| aligned.judge_held(&nominal, region, &options, held)).collect(),
             worst: aligned.deviation.worst_spots(&nominal, &options, MAX_SPOTS),
         };
         Ok((aligned, figures))

@@ -189,11 +189,13 @@ impl Rehearsal {
             let rechecked = recheck(&input, &self.outcome.plan.params, &table_from_part, &taken, ctx);
             let rows = rechecked.unwrap_or_else(|error| panic!("{error}")).rows;
             let removed: Vec<&Removed> = knowledge.removed.iter().collect();
+            let nearest = NearestFace::new(&self.mesh);
             let losses = LossInput {
                 compared: &compared,
                 coverage: &coverage,
                 returns: &returns,
                 model: &model,
+                nearest: &nearest,
                 registered_rows: &rows,
                 limits: &knowledge.limits,
                 light: knowledge.light,

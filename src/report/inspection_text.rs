@@ -5,8 +5,8 @@ use std::fmt::Write;
 use crate::inspection::losses::LossCause;
 use crate::inspection::registration::PartNotFound;
 use crate::wire::inspection::{
-    AlignmentDocument, InspectionDocument, RegionDeviationDocument, SIGN_SENTENCE, excluded_sentence, loss_phrase,
-    measured_region_sentence, remedy_words, undecided_sentences,
+    AlignmentDocument, InspectionDocument, RegionDeviationDocument, SIGN_SENTENCE, best_fit_sentence, excluded_sentence,
+    loss_phrase, measured_region_sentence, remedy_words, undecided_sentences,
 };
 use crate::wire::words::{counted, fixed, limits_mm, percent_below};
 
@@ -32,7 +32,8 @@ pub fn inspection_text(document: &InspectionDocument, part_name: &str) -> String
     }
     line(format!("\nDeviation: {SIGN_SENTENCE} {}", excluded_sentence(&document.deviation)));
     if !document.deviation.regions.is_empty() {
-        line(format!("\n{}", measured_region_sentence(&document.params.compare)));
+        let best_fit = best_fit_sentence(&document.deviation).map_or_else(String::new, |words| format!(" {words}"));
+        line(format!("\n{}{best_fit}", measured_region_sentence(&document.params.compare)));
     }
     let is_found = alignment.why_not_found().is_none();
     document.deviation.regions.iter().for_each(|region| line(region_words(region, is_found)));

@@ -83,17 +83,6 @@ fn turn() -> nalgebra::Rotation3<f64> {
     nalgebra::Rotation3::from_euler_angles(0.3, -0.7, 1.1)
 }
 
-fn joined(bodies: &[Mesh]) -> Mesh {
-    let mut all = Mesh { vertices_mm: Vec::new(), faces: Vec::new(), source_face: Vec::new(), groups: Vec::new() };
-    for body in bodies {
-        let first = all.vertices_mm.len() as u32;
-        all.faces.extend(body.faces.iter().map(|face| face.map(|corner| corner + first)));
-        all.vertices_mm.extend(&body.vertices_mm);
-    }
-    all.source_face = (0..all.faces.len() as u32).collect();
-    all
-}
-
 /// Corners on an ellipsoid about the origin, evenly spread for equal radii, without faces.
 fn ellipsoid(radii_mm: [f64; 3], corners: u32) -> Mesh {
     let golden_rad = std::f64::consts::PI * (1.0 + 5.0_f64.sqrt());
@@ -170,7 +159,7 @@ fn a_cone_of_many_sections_stands_on_its_base_alone() {
 fn a_table_stands_on_its_legs_though_one_is_short() {
     let leg = |x: f64, y: f64| box_mesh([x, y, 0.0], [x + 6.0, y + 6.0, 40.0]);
     let top = box_mesh([0.0, 0.0, 40.0], [100.0, 60.0, 45.0]);
-    let mut table = joined(&[top, leg(0.0, 0.0), leg(94.0, 0.0), leg(0.0, 54.0), leg(94.0, 54.0)]);
+    let mut table = Mesh::joined(&[top, leg(0.0, 0.0), leg(94.0, 0.0), leg(0.0, 54.0), leg(94.0, 54.0)]);
     for short_mm in [0.0, 0.3] {
         // The first leg's foot: corners 8 to 15 are the leg's, the first four of them below.
         table.vertices_mm[8..12].iter_mut().for_each(|corner| corner.z = short_mm);

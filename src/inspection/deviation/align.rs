@@ -1,11 +1,11 @@
 //! Alignments of the measured surface to the model: a motion of the part that makes the squares of the samples' distances, weighted by
 //! area, least. Small motions change a distance by j·δ, j = (p × n, n); the comparison is made again at the new pose, thrice.
 //!
-//! After its first round a fit to the whole surface leaves out samples beyond three times the root mean square of the distances, until none
-//! is beyond that of the others (sigma clipping: at most a ninth of the area at a time, by Chebyshev's inequality; of normal noise, 0.3 %).
+//! After its first round a fit to the whole surface leaves out samples beyond three times the root mean square of the distances from the fit
+//! to those that it keeps (sigma clipping with a new fit after each cut: at most a ninth of the area at a time, by Chebyshev's inequality; of
+//! normal noise, 0.3 %).
 //! A lump of 100 mm² and 3 mm turned a box of 80 × 60 mm by a tenth of a degree otherwise, and material was missing beside it. The first
-//! round takes all: a part that is off along its largest faces would lose the few samples that tell it. All are taken too where the others
-//! fix fewer freedoms.
+//! round takes all: a part that is off along its largest faces would lose the few samples that tell it.
 //!
 //! The motion is as uncertain as the samples that it is from, at u = U/2 each and independent of each other: with N = Σ a j jᵀ its
 //! covariance is C = N⁺ (Σ (a u)² j jᵀ) N⁺, and the U² of each sample grows by 4 jᵀ C j. Far from a small region that counts. What samples
@@ -32,6 +32,8 @@ use crate::planning::ids::SampleId;
 const ROUNDS: usize = 3;
 /// Distance from the model beyond which a sample does not count in a fit to the whole surface, in root mean squares.
 const MAX_OF_RMS: f64 = 3.0;
+/// Rounds in which samples that do not count are looked for. Not from a source: fits settle in 3 to 10.
+const MAX_CLIPS: usize = 30;
 /// Share of the largest eigenvalue below which a freedom is taken for one that the samples do not fix: distances then change by less than
 /// a hundredth of the motion.
 const MIN_CONDITION: f64 = 1e-4;
@@ -68,8 +70,9 @@ impl Aligned {
     }
 
     /// Judges a region, and takes back a `fail` where the registration holds the part by this covariance alone, and a motion within it moves
-    /// the region by more than its tolerance and than registration bridges: what lies there may be another surface. Poses that are taken
-    /// as they are stated do not depend on it.
+    /// the region by more than its tolerance and than registration bridges: what lies there may be another surface. A `fail` is taken back
+    /// too where it is by samples that views saw which could not be registered, true in the order of the scans: their poses may be off by
+    /// far more than their priors say. Poses that are taken as they are stated do not depend on either.
     ///
     /// The covariance is from points within the last gate of the registration alone. A feature that is off all round by more has none there,
     /// and holds nothing: where no other surface faces its way, it is undecided, however far off it is.
@@ -79,21 +82,42 @@ impl Aligned {
         nominal: &Nominal<'_>,
         region: &RegionToJudge,
         options: &DeviationOptions,
-        part_covariance: &Matrix6<f64>,
+        (part_covariance, is_unregistered): (&Matrix6<f64>, &[bool]),
     ) -> RegionDeviation {
         let judged = self.judge(nominal, region, options);
         let is_held = |tolerance_mm: f64| {
             let open_sd_mm = self.moved_sd_mm(nominal, &region.samples, part_covariance);
             open_sd_mm.is_none_or(|sd_mm| sd_mm <= tolerance_mm.max(HELD_TO_MM))
         };
-        let is_shown = judged.verdict != Some(Conformity::Fail)
-            || self.alignment == Alignment::AsPlaced
-            || region.tolerance_mm.is_none_or(is_held);
-        if is_shown {
+        if judged.verdict != Some(Conformity::Fail) || self.alignment == Alignment::AsPlaced {
             return judged;
         }
-        let undecided_because = Some(UndecidedBecause::NotHeld);
-        RegionDeviation { verdict: Some(Conformity::Undecided), undecided_because, ..judged }
+        let because = if !region.tolerance_mm.is_none_or(is_held) {
+            UndecidedBecause::NotHeld
+        } else if !self.fails_as_registered(nominal, region, options, is_unregistered) {
+            UndecidedBecause::NotRegistered
+        } else {
+            return judged;
+        };
+        RegionDeviation { verdict: Some(Conformity::Undecided), undecided_because: Some(because), ..judged }
+    }
+
+    /// Returns true if a region fails by the samples alone that no view which could not be registered has points of.
+    fn fails_as_registered(
+        &self,
+        nominal: &Nominal<'_>,
+        region: &RegionToJudge,
+        options: &DeviationOptions,
+        is_unregistered: &[bool],
+    ) -> bool {
+        if !is_unregistered.contains(&true) {
+            return true;
+        }
+        let of_registered =
+            |sample: &SampleId| self.deviation.views_of(*sample).iter().all(|view| !is_unregistered[usize::from(*view)]);
+        let samples = region.samples.iter().copied().filter(of_registered).collect();
+        let told = RegionToJudge { samples, ..region.clone() };
+        self.judge(nominal, &told, options).verdict == Some(Conformity::Fail)
     }
 
     /// Median standard deviation by which motions of the part of this covariance move the measured ones of some samples along their
@@ -190,27 +214,35 @@ pub fn best_fit(
     Aligned { alignment, mesh_from_placed: Pose::claim(pose), fixed_freedoms, deviation, poses }
 }
 
-/// Samples whose distances are at most [`MAX_OF_RMS`] times the root mean square of theirs, weighted by area; all of them where those fix
-/// fewer freedoms.
+/// Samples whose distances from the fit to all of them are at most [`MAX_OF_RMS`] times the root mean square of theirs, weighted by area.
+/// Each round fits those of the one before and judges every sample by that fit, until they stay the same: cut by the distances of one
+/// fit alone, the faces that an outlier has shifted go before the outlier does. A round that would fix fewer freedoms is not taken.
 fn without_outliers(deviation: &Deviation, nominal: &Nominal<'_>, samples: &[SampleId]) -> Vec<SampleId> {
-    let distance_mm = |sample: &SampleId| f64::from(deviation.samples[sample.index()].distance_mm);
     let is_measured = |sample: &SampleId| deviation.samples[sample.index()].points > 0;
-    let mut kept: Vec<SampleId> = samples.iter().copied().filter(is_measured).collect();
-    loop {
+    let measured: Vec<SampleId> = samples.iter().copied().filter(is_measured).collect();
+    let mut fit = Fit::of(deviation, nominal, &measured);
+    let fixed = fit.inverse().fixed;
+    let mut kept = measured.clone();
+    for _ in 0..MAX_CLIPS {
+        let motion = fit.motion();
+        let distance_mm = |sample: &SampleId| {
+            f64::from(deviation.samples[sample.index()].distance_mm) + fit.frame.row(nominal, *sample).dot(&motion)
+        };
         let (mut area_mm2, mut moment) = (0.0, 0.0);
         for sample in &kept {
             let own_mm2 = nominal.surface.sample_area_mm2(*sample);
             area_mm2 += own_mm2;
             moment += own_mm2 * distance_mm(sample).powi(2);
         }
-        let (before, max_mm) = (kept.len(), MAX_OF_RMS * (moment / area_mm2).sqrt());
-        kept.retain(|sample| distance_mm(sample).abs() <= max_mm);
-        if kept.len() == before {
+        let max_mm = MAX_OF_RMS * (moment / area_mm2).sqrt();
+        let within: Vec<SampleId> = measured.iter().copied().filter(|sample| distance_mm(sample).abs() <= max_mm).collect();
+        let next = Fit::of(deviation, nominal, &within);
+        if within == kept || next.inverse().fixed < fixed {
             break;
         }
+        (kept, fit) = (within, next);
     }
-    let fixed = |samples: &[SampleId]| Fit::of(deviation, nominal, samples).inverse().fixed;
-    if fixed(&kept) < fixed(samples) { samples.to_vec() } else { kept }
+    kept
 }
 
 /// Frame of a motion of the part: rotations are about the middle of the part, measured in steps that move points as far as shifts do.
@@ -284,10 +316,15 @@ impl Fit {
         FitInverse { matrix: of(f64::recip, 0.0), free: of(|_| 0.0, 1.0), fixed }
     }
 
+    /// Least-squares motion, in the frame of the fit.
+    fn motion(&self) -> Vector6<f64> {
+        -(self.inverse().matrix * self.gradient)
+    }
+
     /// Least-squares step, and the number of freedoms that it fixes.
     fn step(&self) -> (Vector6<f64>, usize) {
         let inverse = self.inverse();
-        let mut step = -(inverse.matrix * self.gradient);
+        let mut step = self.motion();
         step.fixed_rows_mut::<3>(0).scale_mut(1.0 / self.frame.arm);
         // A turn about the middle, written as one about the origin.
         let turn = step.fixed_rows::<3>(0).into_owned();

@@ -30,7 +30,8 @@
 //! Verdicts after ISO 14253-1:2017: conformity is shown where |d| + U ≤ T/2, its contrary where |d| − U > T/2, and nothing in between. Its
 //! contrary is shown as well where two samples of the same views are farther apart than T and what is open of their difference. A
 //! region fails only if ten samples are measured and more of them fail than noise lets fail, or ten lie farther beyond than noise takes any
-//! of so many, or all of a smaller one fail, and only where the registration holds it: where no point of the accepted views tells its distance to 2.5 mm or its tolerance, the region is undecided.
+//! of so many, or all of a smaller one fail, and only where the registration holds it: where no point of the accepted views tells its distance
+//! to 2.5 mm or its tolerance, or samples fail by points of views that could not be registered, the region is undecided.
 //! A sample from which most points lie farther than is searched is undecided, and keeps its region from passing: its material may be
 //! missing, but such points also come of a view that lies off sideways, a reflection or another body. With a larger search distance they
 //! are judged.

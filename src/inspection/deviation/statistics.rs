@@ -25,6 +25,8 @@ closed_list! {
     pub enum UndecidedBecause {
         /// The registration leaves open, by more than it bridges, where the part lies along this surface.
         NotHeld = "not_held",
+        /// Those samples have points of views that could not be registered, whose poses may be off by more than is stated.
+        NotRegistered = "not_registered",
         /// Fewer samples are measured than make a region fail.
         FewSamples = "few_samples",
         /// No more samples fail than noise lets fail.
@@ -41,6 +43,9 @@ const MAX_COUNTED: usize = 20_000;
 /// Fewest measured samples that make a region fail of which not all fail: neighbours share points and poses, so that a few are one
 /// observation. Not from a source: most regions have about a hundred samples of their own; with hundreds of features, small ones have fewer.
 pub const MIN_TO_FAIL: usize = 10;
+/// Max share of a region's area that may lie beyond the limit by an uncommonly large uncertainty alone and count as not measured: rims that
+/// one view sees flatly. Our choice: a tenth of what may be missing.
+const MAX_UNCLEAR: f64 = 0.01;
 /// Multiple of the region's median of what points leave open, beyond which a sample has few of them or turned ones: rims and corners. Our
 /// choice.
 const UNCOMMON: f64 = 2.0;
@@ -242,15 +247,10 @@ pub fn judge(
     let all: f64 = own().map(|sample| surface.sample_area_mm2(sample)).sum();
     let found = statistics(samples, surface, own(), region.tolerance_mm);
     let measured = found.map_or(0.0, |found| found.area_mm2) / all.max(f64::MIN_POSITIVE);
-    let median = |of: &dyn Fn(&SampleDeviation) -> f64| {
-        let measured = own().map(|sample| &samples[sample.index()]).filter(|sample| sample.points > 0);
-        let mut values: Vec<f64> = measured.map(of).collect();
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied()
-    };
+    let median = |of: &dyn Fn(&SampleDeviation) -> f64| median_of(samples, region, of);
     let of_points = |sample: &SampleDeviation| f64::from(sample.of_points_mm);
     let expanded = |sample: &SampleDeviation| f64::from(sample.expanded_mm);
-    let enough = (options.min_measured * all, median(&of_points).unwrap_or_default());
+    let enough = ([all, options.min_measured * all], median(&of_points).unwrap_or_default());
     let verdict_with = |uncertainty: &dyn Fn(&SampleDeviation) -> f64| {
         region.tolerance_mm.map(|tolerance| verdict(samples, surface, region, tolerance, (enough, uncertainty)))
     };
@@ -272,6 +272,14 @@ pub fn judge(
         conforming: judged.map(|judged| judged.passed_mm2 / all.max(f64::MIN_POSITIVE)),
         undecided_because: judged.and_then(|judged| judged.because),
     }
+}
+
+/// Median of a figure of a region's measured samples; `None` where nothing is measured.
+fn median_of(samples: &[SampleDeviation], region: &RegionToJudge, of: &dyn Fn(&SampleDeviation) -> f64) -> Option<f64> {
+    let measured = region.samples.iter().map(|sample| &samples[sample.index()]).filter(|sample| sample.points > 0);
+    let mut values: Vec<f64> = measured.map(of).collect();
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
 }
 
 /// Verdict of one value with its uncertainty. A sample that most points are off, or turned and beyond the limit, does not pass.
@@ -311,7 +319,8 @@ struct Judged {
 /// takes any of so many beyond the limit ([`farthest_by_noise`]), and either [`MIN_TO_FAIL`] are measured, or all
 /// that are fail and have `min_area_mm2`: small features have fewer samples, and a few of a larger one do not decide. `pass` where samples
 /// of at least `min_area_mm2` pass and no other fails, lies beyond the limit or could have passed: one whose points leave uncommonly much
-/// open, and alone do so, says little either way. Else undecided. A sample before or behind which most points are off
+/// open, and alone do so, says little either way, and so do those within the limit whose poses leave uncommonly much open, if they are at
+/// most [`MAX_UNCLEAR`] of the area: they count as not measured. Else undecided. A sample before or behind which most points are off
 /// could not have passed. One where most are turned and beyond the limit counts as not measured: edges that are broken have some. What
 /// passes so passes with any larger tolerance. With the verdict comes the surface that keeps the region from passing.
 fn verdict(
@@ -319,11 +328,13 @@ fn verdict(
     surface: &Surface,
     region: &RegionToJudge,
     tolerance: f64,
-    ((min_area_mm2, median_of_points_mm), uncertainty): ((f64, f64), Uncertainty<'_>),
+    (([all_mm2, min_area_mm2], median_of_points_mm), uncertainty): (([f64; 2], f64), Uncertainty<'_>),
 ) -> Judged {
     let (mut failed, mut certain, mut passed_mm2, mut failed_mm2) = (0_usize, 0_usize, 0.0, 0.0);
+    let mut unclear: Option<OpenPart> = None;
     let measured = region.samples.iter().filter(|id| samples[id.index()].points > 0).count();
     let farthest = farthest_by_noise(measured);
+    let uncommon_mm = UNCOMMON * median_of(samples, region, uncertainty).unwrap_or_default();
     let mut open: Option<OpenPart> = None;
     for (id, sample) in region.samples.iter().map(|id| (id, &samples[id.index()])) {
         let (own_mm2, expanded_mm) = (surface.sample_area_mm2(*id), uncertainty(sample));
@@ -346,12 +357,19 @@ fn verdict(
                 // No lack of points excuses what poses alone leave open, such as a wall that nothing ties to the rest.
                 let is_excused = of_points_mm > UNCOMMON * median_of_points_mm && distance_mm + of_poses_mm <= limit_mm;
                 let may_be_beyond = !is_excused && distance_mm + expanded_mm > limit_mm;
-                sample.is_off || sample.points > 0 && (distance_mm > limit_mm || may_be_beyond)
+                let is_unclear = expanded_mm > uncommon_mm && distance_mm <= limit_mm;
+                if may_be_beyond && is_unclear && sample.points > 0 && !sample.is_off {
+                    unclear = Some(OpenPart::of(sample, surface.sample_mm[id.index()], own_mm2).with(unclear));
+                }
+                sample.is_off || sample.points > 0 && (distance_mm > limit_mm || may_be_beyond && !is_unclear)
             }
         };
         if is_open {
             open = Some(OpenPart::of(sample, surface.sample_mm[id.index()], own_mm2).with(open));
         }
+    }
+    if let Some(unclear) = unclear.filter(|unclear| unclear.area_mm2 > MAX_UNCLEAR * all_mm2) {
+        open = Some(unclear.with(open));
     }
     let are_enough = measured >= MIN_TO_FAIL || failed == measured && failed_mm2 >= min_area_mm2;
     let (verdict, because) = if are_enough && (failed > by_noise(measured) || certain >= MIN_TO_FAIL) {

@@ -340,26 +340,14 @@ fn a_slot_does_not_pass_however_far_behind_it_its_background_lies() {
     }
 }
 
-/// Several meshes as one.
-fn joined(parts: &[Mesh]) -> Mesh {
-    let mut all = Mesh { vertices_mm: Vec::new(), faces: Vec::new(), source_face: Vec::new(), groups: Vec::new() };
-    for part in parts {
-        let first = all.vertices_mm.len() as u32;
-        all.vertices_mm.extend(&part.vertices_mm);
-        all.faces.extend(part.faces.iter().map(|face| face.map(|corner| corner + first)));
-    }
-    all.source_face = (0..all.faces.len() as u32).collect();
-    all
-}
-
 /// A bed 40 mm below the part was once taken for missing material at every rim that is broken or lies a little off sideways.
 #[test]
 fn a_background_behind_a_rim_keeps_a_region_open_only_where_the_face_is_missing() {
     let sheet = |[from_mm, to_mm]: [f64; 2], z_mm: f64| extruded(&[[from_mm, z_mm], [to_mm, z_mm]]);
     // A sheet, and beside it a rib of 1 mm.
-    let model = Model::of(joined(&[sheet([-50.0, 0.0], 0.0), sheet([5.0, 6.0], 0.0)]), 1.0);
+    let model = Model::of(Mesh::joined(&[sheet([-50.0, 0.0], 0.0), sheet([5.0, 6.0], 0.0)]), 1.0);
     let judged = |on_bed: &[Mesh]| {
-        let built = joined(&[on_bed, &[sheet([-60.0, 60.0], -40.0)]].concat());
+        let built = Mesh::joined(&[on_bed, &[sheet([-60.0, 60.0], -40.0)]].concat());
         let shots = Shots::of(&built, 4);
         let scans = shots.scans(&[from_above(&shots)], 0.005, |_| Isometry3::identity());
         let found = compare(&placed(&scans, 0.0), &model.nominal(), &DeviationOptions::default());
@@ -767,6 +755,27 @@ fn a_lump_does_not_move_the_part_that_is_fitted_around_it() {
     assert!(told[0] > 0.9 && (told[0] - told[1]).abs() < 0.01, "the lump is told in full: {told:?}");
 }
 
+/// A plate with two bosses and a rib, which stands off by so much along x.
+fn ribbed(off_mm: f64) -> Mesh {
+    let rib = box_mesh([-20.0 + off_mm, -30.0, 5.9], [-17.0 + off_mm, -20.0, 15.0]);
+    let bosses = [[10.0, 10.0], [30.0, -25.0]].map(|[x, y]| box_mesh([x, y, 5.9], [x + 12.0, y + 10.0, 15.0]));
+    Mesh::joined(&[&[box_mesh([-60.0, -50.0, 0.0], [60.0, 50.0, 6.0]), rib], &bosses[..]].concat())
+}
+
+/// The faces that a rib of 1.5 mm off had shifted were left out of the fit one after the other, until all samples were taken, the rib's
+/// too: six faces of a plate that lies where it should read ± 0.165 mm.
+#[test]
+fn a_rib_that_is_off_does_not_move_the_part_along_its_few_faces_that_look_so() {
+    let model = Model::of(ribbed(0.0), 0.3);
+    let built = ribbed(1.5);
+    let shots = Shots::of(&built, 8);
+    let scans = shots.scans(&shots.poses(8), 0.005, |_| Isometry3::identity());
+    let found = best_fit(&placed(&scans, 0.0), &model.nominal(), None, None, &DeviationOptions::default());
+    let moved = found.mesh_from_placed.isometry();
+    assert_eq!(found.fixed_freedoms, 6);
+    assert!(moved.translation.vector.norm() < 0.03 && moved.rotation.angle() < 3e-4, "{moved}");
+}
+
 /// A lump of 36 mm² under oblique views was told with 95 mm², smeared along their rays, and the surface around it read up to 0.5 mm.
 #[test]
 fn a_lump_under_oblique_views_stands_where_it_is_and_is_as_large() {
@@ -1058,7 +1067,7 @@ fn a_wall_whose_place_the_registration_leaves_open_does_not_fail() {
     let region = RegionToJudge { name: "wall".into(), tolerance_mm: Some(0.3), samples: Walls::samples(&walls.model, 30.0) };
     let verdict = |open_mm: Vector3<f64>| {
         let part = Matrix6::from_diagonal(&Twist::new(0.0, 0.0, 0.0, open_mm.x, open_mm.y, open_mm.z).map(|mm| mm * mm));
-        let judged = walls.found.judge_held(&walls.model.nominal(), &region, &DeviationOptions::default(), &part);
+        let judged = walls.found.judge_held(&walls.model.nominal(), &region, &DeviationOptions::default(), (&part, &[]));
         (judged.verdict, judged.undecided_because)
     };
     let fail = (Some(Conformity::Fail), None);
@@ -1150,6 +1159,45 @@ fn a_scanner_of_little_noise_compares_a_curved_surface_as_any_other() {
         compare(&placed(&scans, 0.0), &model.nominal(), &options).compared_points
     };
     assert_eq!(compared(0.001), compared(NOISE_MM));
+}
+
+#[test]
+fn a_region_does_not_fail_by_views_that_could_not_be_registered() {
+    let model = Model::of(box_mesh([-30.0, -20.0, 0.0], [30.0, 20.0, 30.0]), 0.3);
+    let shots = Shots::of(&model.mesh, 8);
+    let scans = shots.scans(&[from_above(&shots)], 0.005, |_| Isometry3::identity());
+    let off = moved_by(&Isometry3::translation(0.0, 0.0, 1.0), &scans);
+    let is_top = |sample: &SampleId| (model.surface.sample_mm[sample.index()].z - 30.0).abs() < 1e-6;
+    let samples: Vec<SampleId> = model.surface.samples().filter(is_top).collect();
+    let region = RegionToJudge { name: "top".into(), tolerance_mm: Some(0.3), samples: samples.clone() };
+    let nothing_open = Matrix6::zeros();
+    let judged = |is_unregistered: bool| {
+        let mut fitted = as_placed(&placed(&off, 0.0), &model.nominal(), &DeviationOptions::default());
+        fitted.alignment = Alignment::BestFitOn;
+        let judged =
+            fitted.judge_held(&model.nominal(), &region, &DeviationOptions::default(), (&nothing_open, &[is_unregistered]));
+        (judged.verdict, judged.undecided_because)
+    };
+    assert_eq!(judged(false), (Some(Conformity::Fail), None));
+    assert_eq!(judged(true), (Some(Conformity::Undecided), Some(UndecidedBecause::NotRegistered)));
+}
+
+/// Two square millimetres of a plate of 5000 that a view knows badly kept it from passing.
+#[test]
+fn a_hundredth_of_a_region_may_be_open_by_its_uncertainty() {
+    let model = Model::of(box_mesh([-50.0, -50.0, 0.0], [50.0, 50.0, 10.0]), 0.1);
+    let judged = |open: usize, distance_mm: f32| {
+        let sample = |index: usize| {
+            let (distance_mm, expanded_mm) = if index % 1000 < open { (distance_mm, 0.3) } else { (0.0, 0.02) };
+            SampleDeviation { distance_mm, points: 9, expanded_mm, of_points_mm: 0.02, ..SampleDeviation::default() }
+        };
+        let samples: Vec<SampleDeviation> = (0..model.surface.sample_mm.len()).map(sample).collect();
+        let top = model.surface.samples().filter(|sample| model.surface.patch_of(*sample).normal.z > 0.9);
+        let region = RegionToJudge { name: "face".into(), tolerance_mm: Some(0.3), samples: top.take(1000).collect() };
+        judge(&samples, &model.surface, &region, &DeviationOptions::default()).verdict
+    };
+    let [passes, open] = [Some(Conformity::Pass), Some(Conformity::Undecided)];
+    assert_eq!([judged(5, 0.01), judged(30, 0.01), judged(1, 0.16)], [passes, open, open]);
 }
 
 #[test]

@@ -568,11 +568,7 @@ fn cleaned(cell: &Cell, cloud: PointCloud) -> (PointCloud, Removed) {
 #[test]
 fn a_thin_sheet_and_a_thin_flange_on_the_plate_are_not_taken_for_the_plate() {
     let sheet = box_mesh([-50.0, -30.0, 0.0], [50.0, 30.0, 0.3]);
-    let mut flange = sheet.clone();
-    let boss = box_mesh([-8.0, -8.0, 0.3], [8.0, 8.0, 12.0]);
-    flange.faces.extend(boss.faces.iter().map(|face| face.map(|corner| corner + 8)));
-    flange.vertices_mm.extend(boss.vertices_mm);
-    flange.source_face = (0..flange.faces.len() as u32).collect();
+    let flange = Mesh::joined(&[sheet.clone(), box_mesh([-8.0, -8.0, 0.3], [8.0, 8.0, 12.0])]);
     for mesh in [sheet, flange] {
         let cell = Cell::holding(mesh, &Isometry3::identity());
         let before = cell.clouds[0].finite().count();

@@ -4,12 +4,12 @@ use nalgebra::{Point3, Vector3};
 
 use super::cut::FileBounds;
 use super::evidence::Zone;
-use super::foreign::Foreign;
+use super::foreign::InFront;
 use super::scattered::is_scattered;
 use super::shown::ShownSurface;
 use super::steps::near_steps;
 use super::{LossCause, Losses};
-use crate::geometry::parallel;
+use crate::geometry::{NearestFace, parallel};
 use crate::inspection::coverage::{
     ComparedViews, Footprint, IdentifiedLimits, MeasuredCoverage, ModelPoint, NominalModel, Return, Returns, ViewLookup,
 };
@@ -55,6 +55,8 @@ pub struct LossInput<'a> {
     pub returns: &'a Returns,
     /// The model as planned.
     pub model: &'a NominalModel<'a>,
+    /// Nearest faces of the part.
+    pub nearest: &'a NearestFace<'a>,
     /// Samples that each scan would measure from its registered pose, by the definition of the plan
     /// ([`crate::planning::certificate::recheck::recheck`]), in the order of the scans.
     pub registered_rows: &'a [Row],
@@ -155,7 +157,7 @@ struct ScanLosses<'a> {
     place: usize,
     lookup: ViewLookup<'a>,
     reflection: Reflection,
-    foreign: Foreign,
+    in_front: InFront,
     bounds: FileBounds,
     /// True if empty cells lie between its points everywhere.
     is_scattered: bool,
@@ -191,7 +193,7 @@ impl<'a> ScanLosses<'a> {
         Self {
             input,
             place,
-            foreign: Foreign::find(&lookup.cloud, input.model, pose, compared.compare.search_mm, ctx),
+            in_front: InFront::find(&lookup.cloud, (input.model, input.nearest), pose, compared.compare.search_mm, ctx),
             bounds: FileBounds::find(&pairs, &lookup.cloud, input.removed.get(place).map_or(&[], |removed| &removed.cells)),
             is_scattered: is_scattered(&lookup.cloud),
             is_wide: input.removed.get(place).is_some_and(|removed| removed.is_projected)
@@ -258,8 +260,8 @@ impl<'a> ScanLosses<'a> {
         if !is_imaged || !self.input.registered_rows[self.place].holds(sample) {
             return LossCause::Pose;
         }
-        if self.foreign.hides(&lost.point.0, self.lookup.view.centres_mm()) {
-            return LossCause::UnmodelledOccluder;
+        if let Some(cause) = self.in_front.hides(&lost.point.0, self.lookup.view.centres_mm()) {
+            return cause;
         }
         let footprint = self.lookup.footprint(sample, &seen);
         let shown = match footprint {

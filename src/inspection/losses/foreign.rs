@@ -1,10 +1,12 @@
-//! Points of a scan that lie in front of the model, where it has nothing: of a body that the plan does not know. What lies
-//! behind them on the way to a device is hidden by it.
+//! Points of a scan that lie in front of the model, where it has nothing: of a body that the plan does not know, or of material that
+//! the part has too much of, if the part is within the search distance. What lies behind them on the way to a device is hidden by it.
 
 use nalgebra::{Point3, Vector3};
 
+use super::LossCause;
 use crate::cell::PerDevice;
-use crate::geometry::{Hit, Part, Pose, ScannerFrame};
+use crate::geometry::{Hit, NearestFace, Part, Pose, ScannerFrame};
+use crate::inspection::PixelGrid;
 use crate::inspection::coverage::{GriddedCloud, NominalModel};
 use crate::planning::context::Context;
 
@@ -20,18 +22,27 @@ const MIN_POINTS: usize = 8;
 const RAYS_AROUND: usize = 8;
 const AROUND: f64 = 0.2;
 
-/// A body in front of the model, as one scan shows it.
-pub(super) struct Foreign {
+/// What lies in front of the model, as one scan shows it.
+pub(super) struct InFront {
+    /// Bodies that the plan does not know.
+    foreign: Points,
+    /// Material of the part.
+    material: Points,
+}
+
+/// Points that hide what lies behind them.
+struct Points {
     /// Part frame.
     points_mm: Vec<Point3<f64>>,
     reach_mm: f64,
 }
 
-impl Foreign {
-    /// Looks for points more than `search_mm` in front of the model on their own rays.
+impl InFront {
+    /// Looks for points more than `search_mm` in front of the model on their own rays. The part itself may be nearer: seen obliquely,
+    /// little material stands far before what its ray meets.
     pub(super) fn find(
         cloud: &GriddedCloud<'_>,
-        model: &NominalModel<'_>,
+        (model, nearest): (&NominalModel<'_>, &NearestFace<'_>),
         pose: &Pose<Part, ScannerFrame>,
         search_mm: f64,
         ctx: &Context<'_>,
@@ -53,7 +64,23 @@ impl Foreign {
             .filter(|((_, ray), hit)| is_in_front(ray, hit.as_ref().map(|hit| hit.share)))
             .map(|((point, _), _)| point)
             .collect();
-        let mut points_mm = beyond_edges(&in_front, model, &centre_mm, search_mm, ctx);
+        let found = beyond_edges(&in_front, model, &centre_mm, search_mm, ctx);
+        let is_of_part = |point: &Point3<f64>| nearest.nearest(point, search_mm).is_some();
+        let (material, foreign): (Vec<_>, Vec<_>) = found.into_iter().partition(is_of_part);
+        let [foreign, material] = [foreign, material].map(|points_mm| Points::of(points_mm, &centre_mm, stride, grid));
+        Self { foreign, material }
+    }
+
+    /// Cause of the loss of a point of the model between which and one of the devices something lies; `None` where nothing does.
+    pub(super) fn hides(&self, point_mm: &Point3<f64>, centres_mm: &PerDevice<Point3<f64>>) -> Option<LossCause> {
+        let ways = [(&self.foreign, LossCause::UnmodelledOccluder), (&self.material, LossCause::PartDeviates)];
+        ways.into_iter().find(|(points, _)| points.hide(point_mm, centres_mm)).map(|(_, cause)| cause)
+    }
+}
+
+impl Points {
+    /// Some of the points of every so many cells; none of too few.
+    fn of(mut points_mm: Vec<Point3<f64>>, centre_mm: &Point3<f64>, stride: usize, grid: &PixelGrid) -> Self {
         if points_mm.len() < MIN_POINTS {
             points_mm.clear();
         }
@@ -65,12 +92,12 @@ impl Foreign {
         Self { points_mm, reach_mm: REACH * spacing_mm }
     }
 
-    /// Returns true if the body lies between a point of the model and one of the devices.
-    pub(super) fn hides(&self, point_mm: &Point3<f64>, centres_mm: &PerDevice<Point3<f64>>) -> bool {
+    /// Returns true if one of them lies between a point of the model and one of the devices.
+    fn hide(&self, point_mm: &Point3<f64>, centres_mm: &PerDevice<Point3<f64>>) -> bool {
         let crosses = |centre: &Point3<f64>| {
             let (way, squared) = (centre - point_mm, (centre - point_mm).norm_squared());
-            self.points_mm.iter().any(|foreign| {
-                let from = foreign - point_mm;
+            self.points_mm.iter().any(|between| {
+                let from = between - point_mm;
                 let share = from.dot(&way) / squared;
                 share > 0.0 && (from - way * share).norm_squared() <= self.reach_mm * self.reach_mm
             })

@@ -12,7 +12,8 @@
 //! on a bare wall are nearest to the walls of a key that is missing, and would hold the part by them at every place.
 //!
 //! A part deviates from its mesh, and views that see the same place see the same deviation. The part's surface is cut into cells of
-//! [`RegistrationOptions::correlation_mm`], each with an unknown deviation d ~ N(0, σ²); the mean residual of view i in a cell is
+//! [`RegistrationOptions::correlation_mm`], each with an unknown deviation d ~ N(0, σ²), σ larger in cells that are far off
+//! ([`own_deviation_sd_mm`]); the mean residual of view i in a cell is
 //! aᵢ·(ξᵢ + Mᵢη) + d + noise, η the part's step and Mᵢ its adjoint in the view's frame. With each d eliminated, views that share
 //! cells hold each other to their noise, and the mesh holds all of them to σ. Both deviations are estimated from the residuals, robustly.
 //!
@@ -395,6 +396,21 @@ fn deviation_sd_mm(cells: &[SeenCell]) -> f64 {
     robust_sd_mm(cells.iter().map(|cell| mean_of(cell).1).collect())
 }
 
+/// Standard deviation by which one cell deviates from the mesh, mm, by what its views see of it: deviations are taken to have Student's
+/// distribution of one degree of freedom, whose scale s is that of all cells. Of a cell with the mean m of total weight W, the variance
+/// v = s² + 1/W counts as v/w, w = 2/(1 + m²/v), as one step of expectation and maximisation has it (K. L. Lange, R. J. A. Little,
+/// J. M. G. Taylor, "Robust statistical modeling using the t distribution", J. Am. Stat. Assoc. 84, 1989, section 3). Few cells that are
+/// off by many s would outvote the priors of the poses otherwise: a wall of 1 mm pulled a view by as much.
+fn own_deviation_sd_mm(means: &[CellMean], deviation_sd_mm: f64) -> f64 {
+    if deviation_sd_mm.is_infinite() {
+        return deviation_sd_mm;
+    }
+    let weight: f64 = means.iter().map(|mean| mean.weight).sum();
+    let mean_mm = means.iter().map(|mean| mean.weight * mean.distance_mm).sum::<f64>() / weight;
+    let variance_mm2 = deviation_sd_mm.powi(2) + weight.recip();
+    (0.5 * (variance_mm2 + mean_mm.powi(2)) - weight.recip()).max(FIXED_MM.powi(2)).sqrt()
+}
+
 /// Weight of all views in a cell, and their mean distance, mm.
 fn mean_of(cell: &SeenCell) -> (f64, f64) {
     let weight: f64 = cell.iter().map(|(_, sum)| sum.weight).sum();
@@ -422,7 +438,8 @@ fn block_gradients(matched: &[Matched], centre_mm: &Point3<f64>, weighing: &Weig
         let middle_mm = place.map(|number| (number as f64 + 0.5) * weighing.options.correlation_mm);
         let eighth = [0, 1, 2].map(|axis| middle_mm[axis] > centre_mm[axis]);
         let gradient = blocks.entry((eighth, *side)).or_insert_with(|| DVector::zeros(FREEDOMS * matched.len()));
-        add_gradient(gradient, &means_of(cell, point_weight), deviation_sd_mm);
+        let means = means_of(cell, point_weight);
+        add_gradient(gradient, &means, own_deviation_sd_mm(&means, deviation_sd_mm));
     }
     blocks.into_values().collect()
 }
@@ -505,7 +522,8 @@ impl State {
         let point_weight = point_sd_mm(cells).powi(-2);
         let mut observations = Observations::of(views.len());
         for cell in cells {
-            observations.add(&means_of(cell, point_weight), deviation_sd_mm);
+            let means = means_of(cell, point_weight);
+            observations.add(&means, own_deviation_sd_mm(&means, deviation_sd_mm));
         }
         let from_part: Vec<Matrix6<f64>> = (0..views.len()).map(|view| adjoint(&self.pose(views, view).inverse())).collect();
         observations.with(weighing.priors, &self.corrections, &from_part)

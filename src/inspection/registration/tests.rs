@@ -101,6 +101,31 @@ fn a_view_far_off_or_of_few_points_keeps_its_pose_and_says_so() {
     assert!(corner_mm(&mesh, &(fitted * poses[2].isometry().inverse()), &Isometry3::identity()) < 0.1);
 }
 
+/// A base with a wall and bosses, whose wall is thicker by so much on one side.
+fn with_wall(thicker_mm: f64) -> Mesh {
+    Mesh::joined(&[
+        box_mesh([-50.0, -35.0, 0.0], [50.0, 35.0, 10.0]),
+        box_mesh([30.0, -30.0, 9.9], [33.0 + thicker_mm, 30.0, 45.0]),
+        box_mesh([-30.0, -20.0, 9.9], [-18.0, -8.0, 25.0]),
+        box_mesh([-10.0, 12.0, 9.9], [4.0, 24.0, 22.0]),
+    ])
+}
+
+/// Cells that are off by many standard deviations of the others once outvoted the prior, and pulled views whose poses are exact by as much.
+#[test]
+fn a_wall_that_is_too_thick_pulls_no_view_with_it() {
+    let (mesh, built) = (with_wall(0.0), with_wall(1.0));
+    let (nearest, shots) = (NearestFace::new(&mesh), Shots::of(&built, 8));
+    let scans = shots.scans(&shots.poses(6), 0.01, |_| Isometry3::identity());
+    let found = register(&scans, &nearest, &[], &RegistrationOptions::default());
+    for (scan, view) in scans.iter().zip(&found.views) {
+        let moved = view.part_from_scanner.isometry() * scan.part_from_scanner.isometry().inverse();
+        let off_mm = corner_mm(&mesh, &moved, &Isometry3::identity());
+        println!("view {}: {off_mm:.3} mm", scan.viewpoint);
+        assert!(off_mm < 0.2, "view {}: {off_mm}", scan.viewpoint);
+    }
+}
+
 /// The pose of such a part was stated to be known exactly.
 #[test]
 fn a_part_that_no_view_holds_is_stated_to_be_open_in_every_freedom() {
@@ -326,12 +351,7 @@ fn locate_in(scanned: &Mesh, wanted: &Mesh) -> super::locate::Location {
 
 /// A cylinder with a boss that reaches into it.
 fn with_boss(min_mm: [f64; 3], max_mm: [f64; 3]) -> Mesh {
-    let (mut mesh, boss) = (cylinder_mesh(30.0, 60.0, 96), box_mesh(min_mm, max_mm));
-    let first = mesh.vertices_mm.len() as u32;
-    mesh.faces.extend(boss.faces.iter().map(|face| face.map(|corner| corner + first)));
-    mesh.vertices_mm.extend(boss.vertices_mm);
-    mesh.source_face = (0..mesh.faces.len() as u32).collect();
-    mesh
+    Mesh::joined(&[cylinder_mesh(30.0, 60.0, 96), box_mesh(min_mm, max_mm)])
 }
 
 fn with_side_boss() -> Mesh {

@@ -115,10 +115,7 @@ fn the_slide_puts_the_seen_surface_at_best_focus() {
 #[test]
 fn the_slide_ends_where_all_devices_are_in_focus() {
     // Two blocks with a gap on the axis from above: the slide begins with their tops 450 mm away, out of the projector's 4 mm.
-    let [mut mesh, right] = [box_mesh([0.0; 3], [45.0, 80.0, 60.0]), box_mesh([55.0, 0.0, 0.0], [100.0, 80.0, 60.0])];
-    mesh.faces.extend(right.faces.iter().map(|face| face.map(|vertex| 8 + vertex)));
-    mesh.source_face.extend(12..24);
-    mesh.vertices_mm.extend(right.vertices_mm);
+    let mesh = Mesh::joined(&[box_mesh([0.0; 3], [45.0, 80.0, 60.0]), box_mesh([55.0, 0.0, 0.0], [100.0, 80.0, 60.0])]);
     let part = PartParams { patch_edge_mm: Some(8.0), samples_per_mm2: Some(0.05), ..PartParams::default() };
     let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
     let mut spec = Presets.scanner("transcan-c-nominal").expect("a preset");
@@ -130,15 +127,6 @@ fn the_slide_ends_where_all_devices_are_in_focus() {
     let zenith = poses(&generated.unwrap_or_else(|error| panic!("{error}")))[0];
     let depth_mm = zenith.origin_mm().z - 60.0;
     assert!((478.0..=482.0).contains(&depth_mm), "the tops are {depth_mm} mm away");
-}
-
-/// One mesh of two.
-fn merged([mut all, more]: [Mesh; 2]) -> Mesh {
-    let (first, first_face) = (all.vertices_mm.len() as u32, all.source_face.len() as u32);
-    all.faces.extend(more.faces.iter().map(|face| face.map(|vertex| first + vertex)));
-    all.source_face.extend(more.source_face.iter().map(|face| face + first_face));
-    all.vertices_mm.extend(more.vertices_mm);
-    all
 }
 
 /// A blade along y, with its back at 300 mm and its edge at 500 mm: seen from the right its sides are steeper than any device looks.
@@ -154,8 +142,8 @@ fn blade() -> Mesh {
 /// the blade is at F: the view measured nothing.
 #[test]
 fn a_view_that_measures_nothing_where_its_axis_ends_slides_by_what_it_sees() {
-    let wall = merged([box_mesh([298.0, 0.0, 0.0], [300.0, 120.0, 120.0]), blade()]);
-    let mesh = merged([wall, box_mesh([0.0; 3], [100.0, 120.0, 120.0])]);
+    let wall = Mesh::joined(&[box_mesh([298.0, 0.0, 0.0], [300.0, 120.0, 120.0]), blade()]);
+    let mesh = Mesh::joined(&[wall, box_mesh([0.0; 3], [100.0, 120.0, 120.0])]);
     let part = PartParams { patch_edge_mm: Some(8.0), samples_per_mm2: Some(0.05), ..PartParams::default() };
     let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
     let (scanner, flag) = (nominal_scanner(), AtomicBool::new(false));
@@ -173,7 +161,7 @@ fn a_view_that_measures_nothing_where_its_axis_ends_slides_by_what_it_sees() {
 fn the_slide_weighs_the_visible_surface_of_the_block_and_not_what_is_hidden() {
     // A low plate below a small table: from above, the table's top is on the axis, but most of what is seen is the plate 50 mm
     // below. The underside of the table and what it hides of the plate must not count.
-    let mesh = merged([box_mesh([0.0; 3], [120.0, 120.0, 2.0]), box_mesh([45.0, 45.0, 51.0], [75.0, 75.0, 52.0])]);
+    let mesh = Mesh::joined(&[box_mesh([0.0; 3], [120.0, 120.0, 2.0]), box_mesh([45.0, 45.0, 51.0], [75.0, 75.0, 52.0])]);
     let part = PartParams { patch_edge_mm: Some(4.0), samples_per_mm2: Some(0.05), ..PartParams::default() };
     let surface = sample(&mesh, &part, &RegionParams::default(), 0).unwrap_or_else(|errors| panic!("{errors:?}"));
     let (scanner, flag) = (nominal_scanner(), AtomicBool::new(false));

@@ -332,6 +332,16 @@ pub fn measured_region_sentence(compare: &CompareParams) -> String {
     )
 }
 
+/// Sentence on what a fit to all surface does with a large deviation, where a region fails in one.
+#[must_use]
+pub fn best_fit_sentence(deviation: &DeviationDocument) -> Option<&'static str> {
+    let has_failed = || deviation.regions.iter().any(|region| region.verdict == Some(Conformity::Fail));
+    (deviation.alignment == Alignment::BestFit && has_failed()).then_some(
+        "A best fit shares a large deviation with the surface that faces the same way. To judge features from a datum, compare with \
+         align.method=best_fit_on and align.region set to that datum.",
+    )
+}
+
 /// Sentences for a region that is undecided: the reason for which samples that fail do not decide, the place that keeps it from passing,
 /// with what the poses have to do with it, or the area that is missing for a pass; `None` for another verdict, or where none of them is known.
 #[must_use]
@@ -375,6 +385,11 @@ fn because_sentence(region: &RegionDeviationDocument, because: UndecidedBecause)
                 "The accepted scans do not hold the part along this surface to {held_to_mm} mm: scan walls that face the same \
                  way, or align as placed (align.method = as_placed)."
             )
+        }
+        UndecidedBecause::NotRegistered => {
+            "Samples fail, but by points of views whose poses could not be registered and may be off by more than is stated: calibrate \
+             again, or scan those views again."
+                .to_owned()
         }
         UndecidedBecause::FewSamples if region.measured_samples == Some(1) => {
             "Only 1 sample is measured: one alone does not make a region fail.".to_owned()

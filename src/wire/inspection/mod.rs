@@ -20,8 +20,8 @@ pub use coverage::{
 };
 pub use deviation::{
     DeviationDocument, DeviationSpotDocument, ExcludedSharesDocument, ExtentDocument, HistogramDocument, OffSurfaceDocument,
-    OpenPartDocument, RegionDeviationDocument, SIGN_SENTENCE, StatisticsDocument, excluded_sentence, measured_region_sentence,
-    undecided_sentences,
+    OpenPartDocument, RegionDeviationDocument, SIGN_SENTENCE, StatisticsDocument, best_fit_sentence, excluded_sentence,
+    measured_region_sentence, undecided_sentences,
 };
 pub use document::{INSPECTION_SCHEMA, InspectedFiles, InspectionDocument};
 pub(crate) use files::ranges;

@@ -3,8 +3,8 @@
 use super::super::markup::{escape, grouped, number, percent};
 use super::{InspectionReport, row, section, table};
 use crate::wire::inspection::{
-    DeviationDocument, InspectionDocument, RegionDeviationDocument, SIGN_SENTENCE, VerdictCounts, measured_region_sentence,
-    undecided_sentences,
+    DeviationDocument, InspectionDocument, RegionDeviationDocument, SIGN_SENTENCE, VerdictCounts, best_fit_sentence,
+    measured_region_sentence, undecided_sentences,
 };
 use crate::wire::words::limits_mm;
 
@@ -62,10 +62,11 @@ pub(super) fn list(report: &InspectionReport<'_>) -> String {
         return rows;
     }
     let measured = escape(&measured_region_sentence(&report.document.params.compare));
+    let best_fit = best_fit_sentence(&report.document.deviation).map_or_else(String::new, |words| format!(" {}", escape(words)));
     section(
         "Regions and features",
         &(table(&REGION_HEAD, &rows)
-            + &format!("<p>{SIGN_SENTENCE} {measured}</p>\n")
+            + &format!("<p>{SIGN_SENTENCE} {measured}{best_fit}</p>\n")
             + "<p>Verdicts follow ISO 14253-1. A region is <i>undecided</i> if its deviation is within its uncertainty of the limit, if too \
          little of it is measured, or if some of its surface is <i>off</i>: points in front of it or behind it lie beyond the search \
          distance; raise <code>compare.search_mm</code> so that it is judged. <i>Steep</i> points show a surface that is tilted too far \
