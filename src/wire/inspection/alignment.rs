@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::cell::PoseSpec;
+use crate::geometry::counted;
 use crate::inspection::Inspection;
 use crate::inspection::deviation::Alignment;
 use crate::inspection::registration::{KeptPose, PartNotFound, RegistrationOptions, ViewRegistration, why_not_found};
@@ -86,6 +87,20 @@ impl AlignmentDocument {
     #[must_use]
     pub fn why_not_found(&self) -> Option<PartNotFound> {
         self.not_found.or_else(|| why_not_found(self.inlier_share, self.views.iter().map(|view| view.kept_pose)))
+    }
+
+    /// Sentence on views whose poses may be off by more than is stated; `None` where all could be registered, or have too few points.
+    #[must_use]
+    pub fn unregistered_sentence(&self) -> Option<String> {
+        let is_unregistered = |view: &&ViewAlignmentDocument| view.kept_pose.is_some_and(|kept| kept != KeptPose::FewPoints);
+        let count = self.views.iter().filter(is_unregistered).count();
+        let all = counted(self.views.len(), "view");
+        (count > 0).then(|| {
+            format!(
+                "{count} of {all} could not be registered, and may be off by more than is stated: what they show of deviation and \
+                 material is doubtful. Calibrate again, or scan those views again."
+            )
+        })
     }
 
     /// Words on points that are too few to hold the part in place.

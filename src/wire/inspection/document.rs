@@ -178,6 +178,7 @@ fn verdict_sentence(document: &InspectionDocument) -> String {
         }
         Some(PartNotFound::FewPoints) => {}
         None => {
+            first.extend(document.alignment.unregistered_sentence());
             first.extend(verdicts_sentence(&document.deviation.regions));
             first.extend(material_sentences(&document.deviation, document.params.compare.search_mm));
         }
@@ -313,6 +314,15 @@ mod tests {
         let told = "The surface deviates by 0.000 mm on average and 0.012 mm rms; 98 % of it lies between -0.031 and 0.030 mm.";
         assert_eq!(deviation_sentence(&document), told);
         assert!([document.p50_mm, document.in_tolerance.expect("a tolerance")].iter().all(|value| value.is_sign_positive()));
+    }
+
+    #[test]
+    fn views_that_could_not_be_registered_are_told_first() {
+        let doubtful = verdict_sentence(&document(3000, 0.95, Some("pose_out_of_prior")));
+        assert!(doubtful.starts_with("1 of 1 view could not be registered, and may be off"), "{doubtful}");
+        for known in [None, Some("few_points")] {
+            assert!(!verdict_sentence(&document(3000, 0.95, known)).contains("registered"));
+        }
     }
 
     /// Figures at a place that nothing held were told as the deviation of the surface.
