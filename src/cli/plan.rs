@@ -190,7 +190,10 @@ impl<'a> PartPlanner<'a> {
     fn load(args: &'a PlanArgs, cancel: &'a AtomicBool) -> Result<Self, CliError> {
         let watch = Mutex::new(Some(Stopwatch::start(Some(CommandStage::Loading.as_str()))));
         let mut params = load_params(args.params.as_deref(), &args.sets)?;
-        params.regions.features.extend(args.features.as_deref().map(features::read).transpose()?.into_iter().flatten());
+        if let Some(file) = args.features.as_deref() {
+            params.regions.features.extend(features::read(file)?);
+            params.check().map_err(|errors| files::findings(&format!("--features {}", file.display()), &errors))?;
+        }
         check_up(args.up, &params)?;
         warn("parameters", &warnings::of_params(&params, ""));
         let cell = load_cell(&args.cell, args.scanner.as_deref())?;

@@ -38,9 +38,9 @@ pub(super) struct SimScannerArgs {
     /// Part as it was built, if it differs from the planned one: an STL, OBJ or PLY file in the same coordinates.
     #[arg(long, value_name = "MESH")]
     part_as_built: Option<PathBuf>,
-    /// Unit of the part as it was built: mm, cm, m or inch.
-    #[arg(long, value_name = "UNIT", default_value = "mm")]
-    as_built_unit: LengthUnit,
+    /// Unit of the part as it was built: mm, cm, m or inch [default: that of the mesh].
+    #[arg(long, value_name = "UNIT")]
+    as_built_unit: Option<LengthUnit>,
     /// Set one parameter, such as `lobe_deg=4`. Repeatable.
     #[arg(long = "set", value_name = "KEY=VALUE")]
     sets: Vec<String>,
@@ -60,7 +60,8 @@ pub(super) fn run(args: &SimScannerArgs, cancel: &AtomicBool) -> Result<(), CliE
     let sim = with_sets(&args.sets, check)?;
     let pool = pool(args.threads)?;
     let scanned = pool.install(|| args.part.load(cancel))?;
-    let as_built = args.part_as_built.as_deref().map(|path| load_mesh(path, Some(args.as_built_unit), cancel)).transpose()?;
+    let unit = args.as_built_unit.unwrap_or_else(|| args.part.unit());
+    let as_built = args.part_as_built.as_deref().map(|path| load_mesh(path, Some(unit), cancel)).transpose()?;
     let as_built = as_built.map(|(read, _)| read.mesh);
     let record = args.run.load()?;
     args.run.check_plan(record.as_ref(), &scanned.plan_sha256)?;

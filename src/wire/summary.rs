@@ -420,13 +420,16 @@ fn views_text(plan: &Plan) -> String {
         }
         SelectionGoal::FewestViews | SelectionGoal::MinTime | SelectionGoal::BestCoverage => String::new(),
     };
-    let registered = if plan.setups.len() > 1 { registered(plan.params.registration) } else { "" };
+    let registered = if plan.setups.len() > 1 { registered(plan) } else { "" };
     format!("{views} in {setups}{registered}{bound}{left_out}")
 }
 
 /// Means by which several setups become one measurement, in a clause.
-fn registered(registration: Registration) -> &'static str {
-    match registration {
+fn registered(plan: &Plan) -> &'static str {
+    match plan.params.registration {
+        Registration::Surface if !plan.setup_links.iter().all(|link| link.stability.is_fixed()) => {
+            ", not held to each other by the surface that they share"
+        }
         Registration::Surface => ", registered by shared surface",
         Registration::Markers => ", to be registered by markers",
         Registration::Fixture => ", to be registered by a fixture",

@@ -64,17 +64,17 @@ export function RegionTable({ regions }: { regions: Region[] }) {
   const words = text.regionTable;
   return (
     <table class="regions">
-      <thead><tr>{[words.name, words.kind, words.area, words.samples, words.target, words.reached, words.others, words.verdict, words.why]
+      <thead><tr>{[words.name, words.target, words.reached, words.verdict, words.others, words.why, words.kind, words.area, words.samples]
         .map((name) => <th key={name} scope="col">{name}</th>)}</tr></thead>
       <tbody>
         {regions.map((region) => (
           <tr key={region.name} class={region.met === false || region.independently_met === false ? "unmet" : ""}>
             <td>{region.name}</td>
+            <td class="number">{region.target === undefined || region.target === null ? text.none : percent(region.target, 2)}</td>
+            <td class="number">{percent(region.of_asked, 2, region.met === false ? region.target ?? 1 : 1)}</td>
+            <td>{verdictOf(region)}</td><td class="number">{onOtherSamples(region)}</td><td class="why">{region.why_unmet ?? ""}</td>
             <td>{[region.kind, typeof region.tolerance_mm === "number" && limits(region.tolerance_mm)].filter(Boolean).join(", ")}</td>
             <td class="number">{area(region.asked_area_mm2)}</td><td class="number">{region.samples}</td>
-            <td class="number">{region.target === undefined || region.target === null ? text.none : percent(region.target, 2)}</td>
-            <td class="number">{percent(region.of_asked, 2, region.met === false ? region.target ?? 1 : 1)}</td><td class="number">{onOtherSamples(region)}</td>
-            <td>{verdictOf(region)}</td><td>{region.why_unmet ?? ""}</td>
           </tr>
         ))}
       </tbody>

@@ -286,7 +286,7 @@ fn anchor(part: u32) -> &'static str {
 fn histogram(report: &InspectionReport<'_>) -> String {
     let histogram = &report.document.deviation.histogram;
     let most = histogram.area_mm2.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
-    let title = format!("Area by deviation; highest bar {}, the outermost bars include everything beyond", area(most));
+    let title = format!("Area by deviation; highest bar {}, the outer bars with all beyond", area(most));
     let mut svg = Svg::new(WIDTH, HEIGHT, &title, "Histogram of the measured area by its deviation");
     let (classes, bottom) = (histogram.area_mm2.len().max(1), HEIGHT - BOTTOM);
     let width = (WIDTH - LEFT - 16.0) / classes as f64;
@@ -347,7 +347,7 @@ fn losses(report: &InspectionReport<'_>, album: &mut Album) -> String {
         row(&[
             format!("<b>{}</b>", loss_phrase(loss.cause)),
             percent(loss.of_asked),
-            area(loss.area_mm2),
+            format!("<span class=\"whole\">{}</span>", area(loss.area_mm2)),
             number(loss.spots as f64, 0),
             escape(&loss.detail),
             remedy.to_owned(),

@@ -377,8 +377,7 @@ mod tests {
     fn a_feature_that_fails_comes_first_and_is_counted_in_lists() {
         let document = with_a_fail(0.95, None);
         let told = verdict_sentence(&document);
-        let begin =
-            "1 of 1 feature fails (step: largest 0.050 mm, U 0.023 mm (k = 2)). Beyond 0.1 mm plus the points' own uncertainty: ";
+        let begin = "1 of 1 feature fails (step: largest 0.050 mm, U 0.023 mm (k = 2)). Beyond 0.1 mm plus the points' own uncertainty, without that of the poses: ";
         assert!(told.starts_with(begin), "{told}");
         assert_eq!(json!(document.summary())["verdicts"], json!({"fail": 1, "pass": 0, "undecided": 0}));
         let lost = with_a_fail(0.373, Some("few_inliers"));

@@ -103,7 +103,10 @@ pub(super) fn material_sentences(deviation: &DeviationDocument, search_mm: f64) 
     let mut told = Vec::new();
     if !spots.is_empty() {
         let limit_mm = DeviationOptions::default().spot_mm;
-        told.push(format!("Beyond {limit_mm} mm plus the points' own uncertainty: {}.", spots.join(", and ")));
+        told.push(format!(
+            "Beyond {limit_mm} mm plus the points' own uncertainty, without that of the poses: {}.",
+            spots.join(", and ")
+        ));
     }
     let off = deviation.excluded.off_of_area;
     let share = percent_below(off, 1.0, 2);
@@ -218,7 +221,7 @@ mod tests {
         let found = deviation(&[("missing", -8.8459), ("extra", 0.21), ("missing", -0.2)], &[("missing", -11.047)], 0.0112);
         let place = "around (27.1, 31.6, 30.0) mm";
         let spots = format!(
-            "Beyond 0.1 mm plus the points' own uncertainty: 2 spots of missing material, 153.0 mm² (largest -8.846 mm, {place}), \
+            "Beyond 0.1 mm plus the points' own uncertainty, without that of the poses: 2 spots of missing material, 153.0 mm² (largest -8.846 mm, {place}), \
              and 1 spot of extra material, 76.5 mm² (largest 0.210 mm, {place})."
         );
         let heaps = format!(

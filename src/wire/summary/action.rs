@@ -18,8 +18,8 @@ use crate::wire::words::{counted, fixed, limits_mm, listed, of_asked_phrase, per
 
 /// Action that would add the most measured area, tried in simulation: advice on the plan as a whole, or the fix of missed spots,
 /// whose effect counts all spots that it is for. If pose errors cost the plan at least as much, it is to choose views that
-/// tolerate them; if a region misses its target because a tolerance is finer than the scanner's noise allows, it is a coarser tolerance
-/// or a larger budget of noise; if the home of the cell is blocked, it is another home; and if the part would tip over as it is placed,
+/// tolerate them; if a region misses its target because a tolerance is finer than the scanner's noise allows, and no advice adds a
+/// twentieth of the asked area, it is a coarser tolerance or a larger budget of noise; if the home of the cell is blocked, it is another home; and if the part would tip over as it is placed,
 /// it is to place it so that it stands, before anything else. The effects of these four are not estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
@@ -58,20 +58,25 @@ pub enum StandingRemedy {
 /// choice.
 const MIN_GAIN: f64 = 0.001;
 
+/// Share of the asked area that advice on the whole plan adds at least to come before a coarser tolerance, whose effect is not estimated:
+/// our choice.
+const MIN_GAIN_BEFORE_TOLERANCE: f64 = 0.05;
+
 /// Share of the missed area of a region above which the noise is the reason for it: our choice, as in the warning on the region.
 const MAINLY: f64 = 0.5;
 /// Features named in an action.
 const NAMED: usize = 3;
 
-/// The best action for a plan; `None` where none is known. What no view can mend comes first. Of a plan that reaches its targets, an
+/// The best action for a plan; `None` where none is known. What no view can mend comes first, unless advice on the whole plan adds much. Of a plan that reaches its targets, an
 /// action that gains no more than pose errors cost comes after the choice of views that stand them.
 pub(super) fn best(plan: &Plan, verdict: PlanVerdict, cycle_secs: Option<f64>) -> Option<SummaryAction> {
-    if let Some(coarser) = within_noise(plan) {
-        return Some(coarser);
-    }
     // Better grades add no measured area.
     let adds_area = |advice: &AdviceDocument| advice.kind != AdviceKind::BetterGrades.as_str();
     let advised = AdviceDocument::all_of(plan).into_iter().find(adds_area).map(|advice| advised(plan, &advice, cycle_secs));
+    if let Some(coarser) = within_noise(plan) {
+        let gains_much = |action: &SummaryAction| action.to_of_asked - action.from_of_asked >= MIN_GAIN_BEFORE_TOLERANCE;
+        return advised.filter(gains_much).or(Some(coarser));
+    }
     let fixed = || {
         // Of two that recover the same area, the one that mends its spots whole.
         let by_area =
@@ -263,7 +268,8 @@ fn advised(plan: &Plan, advice: &AdviceDocument, cycle_secs: Option<f64>) -> Sum
         added_views: advice.added_views,
         added_cycle_secs: advice.cycle_secs.zip(cycle_secs).map(|(then_secs, now_secs)| then_secs - now_secs),
     };
-    action.text = action.sentence(&what, views, plan.coverage.is_of_open) + &regions;
+    let remark = if advice.laying().is_some() { " (without laying it anew)" } else { "" };
+    action.text = action.sentence(&what, views, (plan.coverage.is_of_open, remark)) + &regions;
     action
 }
 
@@ -289,20 +295,20 @@ fn fixed_group(plan: &Plan, group: &MissedGroup) -> SummaryAction {
         0 => "no more views".to_owned(),
         added => format!("up to +{}", counted(added, "view")),
     });
-    action.text = action.sentence(&group.fix_text, views, plan.coverage.is_of_open);
+    action.text = action.sentence(&group.fix_text, views, (plan.coverage.is_of_open, ""));
     action
 }
 
 impl SummaryAction {
     /// The action with its command and its effect: `turn it upside down and scan again: --set setups=2; estimated effect: 70.1 →
-    /// 97.9 % of asked, about +2 views, about +9 s`. `views` are those that a plan with the parameters adds, where `what` does not
-    /// say so.
-    fn sentence(&self, what: &str, views: Option<String>, is_of_open: bool) -> String {
+    /// 97.9 % of asked, about +2 views, about +9 s (without laying it anew)`. `views` are those that a plan with the parameters
+    /// adds, where `what` does not say so.
+    fn sentence(&self, what: &str, views: Option<String>, (is_of_open, remark): (bool, &str)) -> String {
         let command = self.command.as_ref().map_or_else(String::new, |command| format!(": {command}"));
         let [from, to] = percents_apart([self.from_of_asked, self.to_of_asked]);
         let of = of_asked_phrase(is_of_open);
         let effect = if from == to { format!("{from} % {of}, unchanged") } else { format!("{from} → {to} % {of}") };
-        let cycle = self.added_cycle_secs.map_or_else(String::new, |secs| format!(", {}", cycle_change(secs)));
+        let cycle = self.added_cycle_secs.map_or_else(String::new, |secs| format!(", {}{remark}", cycle_change(secs)));
         let views = views.map_or_else(String::new, |views| format!(", {views}"));
         format!("{what}{command}; estimated effect: {effect}{views}{cycle}")
     }

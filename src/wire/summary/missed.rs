@@ -266,7 +266,7 @@ impl MissedGroup {
         // Too long for a line that people read.
         shown.remove(POSES);
         let is_posed = matches!(self.fix, Some(RemedyKind::Roll | RemedyKind::Tilt | RemedyKind::Standoff));
-        let left_out = if is_posed { " (poses in missed.json)" } else { "" };
+        let left_out = if is_posed { " (candidates.poses: those in missed.json)" } else { "" };
         let command = if shown.is_empty() { left_out.to_owned() } else { format!("{left_out}: {}", options(&shown)) };
         let [partial, recovers] = match (self.fix, &self.partial_text) {
             (Some(RemedyKind::None) | None, _) => [String::new(), String::new()],

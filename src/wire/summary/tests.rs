@@ -688,11 +688,11 @@ fn a_fix_comes_with_the_parameters_that_ask_for_it() {
     );
     assert_eq!(
         fixed(1.0, RemedyKind::Tilt, &[4], &as_it_is),
-        "1 more view, tilted (poses in missed.json); recovers 10.0 mm² (100 %)"
+        "1 more view, tilted (candidates.poses: those in missed.json); recovers 10.0 mm² (100 %)"
     );
     assert_eq!(
         fixed(1.0, RemedyKind::Roll, &[4, 5, 6], &as_it_is),
-        "3 more views, rolled (poses in missed.json); recovers 10.0 mm² (100 %)",
+        "3 more views, rolled (candidates.poses: those in missed.json); recovers 10.0 mm² (100 %)",
         "too many for a command"
     );
 }
@@ -764,7 +764,7 @@ fn a_fix_comes_with_every_rule_that_ends_the_choice_before_its_views() {
     let as_it_is = |_: &mut Plan| {};
     assert_eq!(
         fixed(792.0, RemedyKind::Tilt, &as_it_is),
-        "1 more view, tilted (poses in missed.json): --set selection.target=0.9901"
+        "1 more view, tilted (candidates.poses: those in missed.json): --set selection.target=0.9901"
     );
     assert_eq!(
         fixed(792.0, RemedyKind::Limit, &as_it_is),
@@ -773,7 +773,7 @@ fn a_fix_comes_with_every_rule_that_ends_the_choice_before_its_views() {
     let limited = |plan: &mut Plan| plan.params.selection.max_views = Some(3);
     assert_eq!(
         fixed(700.0, RemedyKind::Standoff, &limited),
-        "1 more view from another distance (poses in missed.json): --set selection.max_views=4"
+        "1 more view from another distance (candidates.poses: those in missed.json): --set selection.max_views=4"
     );
     let best = |plan: &mut Plan| {
         (plan.params.selection.goal, plan.params.selection.max_views) = (SelectionGoal::BestCoverage, Some(3));
@@ -807,7 +807,10 @@ fn a_share_that_does_not_work_is_not_rounded_to_one_that_does() {
     let mut plan = plan(3, 0, 700.0);
     plan.missed = vec![missed(Cause::ShadowLeft, vec![Some(remedy(RemedyKind::Roll, 0.899, &[4]))])];
     let told = group_of(&plan).text;
-    assert!(told.ends_with(": only 89 % of it, 8.99 mm²: 1 more view, rolled (poses in missed.json)"), "{told}");
+    assert!(
+        told.ends_with(": only 89 % of it, 8.99 mm²: 1 more view, rolled (candidates.poses: those in missed.json)"),
+        "{told}"
+    );
 }
 
 /// "Turn it upside down …; recovers 84 062.5 mm² (54 %)" told last that the fix mends half of the spot.
@@ -1052,9 +1055,9 @@ fn unmet_feature(name: &str, tolerance_mm: f64, beyond_noise_area_mm2: f64) -> R
 
 /// "Turn it upside down: 69.4 → 70.3 % of asked" was the next action where no view measures as well as a feature needs.
 #[test]
-fn a_tolerance_beyond_the_noise_comes_before_every_other_action() {
+fn a_tolerance_beyond_the_noise_comes_before_actions_that_add_little() {
     let mut plan = plan(3, 0, 701.0);
-    plan.advice = vec![PlanAdvice { regions_met: Vec::new(), ..advice() }];
+    plan.advice = vec![PlanAdvice { measured_area_mm2: 710.0, regions_met: Vec::new(), ..advice() }];
     let region = Region::Box { min_mm: [0.0; 3], max_mm: [1.0; 3] };
     let feature = |tolerance_mm| FeatureParams {
         name: None,
@@ -1075,6 +1078,8 @@ fn a_tolerance_beyond_the_noise_comes_before_every_other_action() {
                 allow the noise a larger share of the tolerance (regions.noise.budget, at least 0.467); effect not estimated";
     let action = next(&plan, vec![rim.clone(), bore.clone()]);
     assert_eq!((action.text.as_str(), action.command, action.set.len()), (told, None, 0));
+    let adds_much = Plan { advice: vec![PlanAdvice { regions_met: Vec::new(), ..advice() }], ..plan.clone() };
+    assert!(next(&adds_much, vec![rim.clone(), bore.clone()]).text.starts_with("turn it upside down"));
     // The region misses its target for the tolerance of the feature within it.
     let within = RegionCoverage { beyond_noise_area_mm2: 6.0, ..rim.clone() };
     let met = RegionCoverage { target: None, ..bore.clone() };
@@ -1482,5 +1487,8 @@ fn an_action_of_little_effect_is_told_with_the_digits_that_show_it() {
     };
     assert_eq!(action(504.2, None), "50.40 → 50.42 % of asked, about +2 views");
     assert_eq!(action(504.0, None), "50.4 % of asked, unchanged, about +2 views");
-    assert_eq!(action(979.0, Some(9.0)), "50.4 → 97.9 % of asked, about +2 views, about the same cycle time");
+    assert_eq!(
+        action(979.0, Some(9.0)),
+        "50.4 → 97.9 % of asked, about +2 views, about the same cycle time (without laying it anew)"
+    );
 }
