@@ -487,6 +487,11 @@ fn several_setups_come_with_the_means_by_which_they_are_registered() {
     assert_eq!(text(Registration::Surface), "7 views in 2 setups, registered by shared surface; lower bound 2");
     assert_eq!(text(Registration::Markers), "7 views in 2 setups, to be registered by markers; lower bound 2");
     assert_eq!(text(Registration::None), "7 views in 2 setups, not registered to each other; lower bound 2");
+    // Further views took setups for registered that slide on each other.
+    twice.params.registration = Registration::Surface;
+    twice.setup_links = vec![SetupLink { setups: [SetupId(0), SetupId(1)], stability: stability(0.0016) }];
+    let told = Summary::of(&twice).views_text;
+    assert_eq!(told, "7 views in 2 setups, not held to each other by the surface that they share; lower bound 2");
 }
 
 #[test]
@@ -1397,17 +1402,21 @@ fn the_summary_has_the_table_of_shares_with_their_meanings() {
     assert!(names.starts_with(&["measured of visible", "grades A and B of visible"]) && names.ends_with(&["measured of total"]));
 }
 
-/// The summary told of setups without the pairs of them.
-#[test]
-fn the_summary_has_the_registration_of_each_pair_of_setups() {
-    let stability = Stability {
+fn stability(resistance: f64) -> Stability {
+    Stability {
         shared_area_mm2: 1200.0,
-        resistance: 0.05,
+        resistance,
         turn_in_part: Vector3::zeros(),
         shift_in_part: Vector3::z(),
         centre_in_part_mm: Point3::origin(),
         expected_error_mm: Some(0.000_42),
-    };
+    }
+}
+
+/// The summary told of setups without the pairs of them.
+#[test]
+fn the_summary_has_the_registration_of_each_pair_of_setups() {
+    let stability = stability(0.05);
     let joined = Plan { setup_links: vec![SetupLink { setups: [SetupId(0), SetupId(1)], stability }], ..plan(3, 0, 792.0) };
     let told = serde_json::to_value(Summary::of(&joined)).expect("JSON");
     let pair = json!({

@@ -5,6 +5,25 @@ use std::path::Path;
 use super::{inputs, run};
 use crate::server::process::vantage;
 
+/// Features of a file were told apart by no name, and warned of before they were checked.
+#[test]
+fn features_of_a_file_are_checked_with_those_that_are_set() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [part, ..] = inputs(folder.path());
+    let (file, out) = (folder.path().join("features.csv"), folder.path().join("out").display().to_string());
+    let told = |rows: &str| {
+        std::fs::write(&file, format!("name,region,tolerance_mm\n{rows}")).expect("a file");
+        let ended = run(&["plan", &part, "--unit", "mm", "--out", &out, "--features", &file.display().to_string()]);
+        assert_eq!(ended.code, Some(2), "{}", ended.err);
+        assert!(!ended.err.contains("warning"), "{}", ended.err);
+        ended.err
+    };
+    let twice = told("h,sphere 0 0 0 5,0.5\nh,sphere 9 0 0 5,0.5\n");
+    assert!(twice.contains("/regions/features/1/name") && twice.contains("which is the name of"), "{twice}");
+    let negative = told("h,sphere 0 0 0 5,-1\n");
+    assert!(negative.contains("tolerance_mm"), "{negative}");
+}
+
 #[test]
 fn a_misspelled_name_is_answered_with_the_one_that_was_meant() {
     let folder = tempfile::tempdir().expect("a folder");
