@@ -8,7 +8,7 @@ use super::deviation::align::{Aligned, as_placed, best_fit};
 use super::deviation::statistics::{excluded, histogram, statistics};
 use super::deviation::{
     Alignment, Deviation, DeviationOptions, DeviationSpot, DeviationStatistics, ExcludedShares, Extent, Histogram, Nominal,
-    PlacedScan, RegionDeviation, RegionToJudge,
+    PlacedScan, RegionDeviation, RegionToJudge, SampleDeviation, compare,
 };
 use super::identification::{self, Learned, Offer, Telling, TellingInput, TripleInput, noise, offers, telling, triples};
 use super::ingest::{Ingested, Removed};
@@ -374,9 +374,8 @@ impl Judged<'_> {
             }
         };
         ctx.check()?;
-        let is_doubtful = |view: &ViewRegistration| view.kept_pose.is_some_and(|kept| kept != KeptPose::FewPoints);
-        let is_unregistered: Vec<bool> = self.registration.found.iter().map(is_doubtful).collect();
-        let held = (&self.registration.part_covariance, &is_unregistered[..]);
+        let registered = self.without_doubtful(&placed, &aligned, &nominal, &options);
+        let held = (&self.registration.part_covariance, registered.as_deref());
         let samples = &aligned.deviation.samples;
         let whole = statistics(samples, surface, surface.samples(), None);
         let limit_mm = whole.map_or(1.0, |whole| whole.percentiles_mm[0].abs().max(whole.percentiles_mm[4].abs()).max(1e-3));
@@ -389,6 +388,31 @@ impl Judged<'_> {
             worst: aligned.deviation.worst_spots(&nominal, &options, MAX_SPOTS),
         };
         Ok((aligned, figures))
+    }
+
+    /// Deviation by the scans alone whose poses are not doubtful, at the same alignment and with what poses leave open there; `None` where
+    /// all are such. A correction beyond its prior refutes it, and with it the stated poses of views that are known by their priors alone.
+    fn without_doubtful(
+        &self,
+        placed: &[PlacedScan<'_>],
+        aligned: &Aligned,
+        nominal: &Nominal<'_>,
+        options: &DeviationOptions,
+    ) -> Option<Vec<SampleDeviation>> {
+        let found = &self.registration.found;
+        let is_beyond = |view: &ViewRegistration| view.kept_pose == Some(KeptPose::PoseOutOfPrior);
+        if self.input.is_merged() || !found.iter().any(is_beyond) {
+            return None;
+        }
+        let is_known = |view: &ViewRegistration| view.kept_pose.is_none_or(|kept| kept == KeptPose::FewPoints);
+        let known = placed.iter().zip(found).filter(|(_, view)| is_known(view));
+        let known: Vec<PlacedScan<'_>> = known.map(|(scan, _)| scan.moved(&aligned.mesh_from_placed)).collect();
+        let alone = compare(&known, nominal, options).samples.into_iter().zip(&aligned.deviation.samples);
+        let with_poses = |(own, of_all): (SampleDeviation, &SampleDeviation)| {
+            let expanded_mm = f64::from(own.of_points_mm).hypot(of_all.of_poses_mm()) as f32;
+            SampleDeviation { expanded_mm, ..own }
+        };
+        Some(alone.map(with_poses).collect())
     }
 
     /// A scan at its registered pose. One of a merged cloud is moved with the others, and off against them by what is stated of it.

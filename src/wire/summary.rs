@@ -11,6 +11,8 @@ mod verdict;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeSet;
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -29,6 +31,7 @@ use super::words::{
     shortfall,
 };
 use crate::cell::{CalibrationProvenance, Dialect};
+use crate::planning::ids::SetupId;
 use crate::planning::params::{PoseErrorParams, Registration, SelectionGoal};
 use crate::planning::plan::{Plan, RegionCoverage, RegionKind};
 
@@ -424,12 +427,24 @@ fn views_text(plan: &Plan) -> String {
     format!("{views} in {setups}{registered}{bound}{left_out}")
 }
 
+/// Returns true if surface holds every setup to the first one, directly or through others; of plans that do not tell their pairs too.
+fn is_joined(plan: &Plan) -> bool {
+    let fixed = || plan.setup_links.iter().filter(|link| link.stability.is_fixed()).map(|link| link.setups);
+    let mut joined = BTreeSet::from([SetupId(0)]);
+    for _ in &plan.setups {
+        for [one, other] in fixed() {
+            if joined.contains(&one) || joined.contains(&other) {
+                joined.extend([one, other]);
+            }
+        }
+    }
+    plan.setup_links.is_empty() || joined.len() == plan.setups.len()
+}
+
 /// Means by which several setups become one measurement, in a clause.
 fn registered(plan: &Plan) -> &'static str {
     match plan.params.registration {
-        Registration::Surface if !plan.setup_links.iter().all(|link| link.stability.is_fixed()) => {
-            ", not held to each other by the surface that they share"
-        }
+        Registration::Surface if !is_joined(plan) => ", not held to each other by the surface that they share",
         Registration::Surface => ", registered by shared surface",
         Registration::Markers => ", to be registered by markers",
         Registration::Fixture => ", to be registered by a fixture",

@@ -19,8 +19,8 @@ use nalgebra::{Isometry3, Matrix6, Point3, Vector6};
 use super::aligned_poses::AlignedPoses;
 use super::statistics::{MIN_TO_FAIL, by_noise, judge};
 use super::{
-    Alignment, Conformity, Deviation, DeviationOptions, Nominal, PlacedScan, RegionDeviation, RegionToJudge, UndecidedBecause,
-    compare, lever, variance,
+    Alignment, Conformity, Deviation, DeviationOptions, Nominal, PlacedScan, RegionDeviation, RegionToJudge, SampleDeviation,
+    UndecidedBecause, compare, lever, variance,
 };
 use crate::cell::calibration::se3::exp;
 use crate::geometry::{Part, Pose, parallel, sort_ascending, sort_descending};
@@ -71,8 +71,8 @@ impl Aligned {
 
     /// Judges a region, and takes back a `fail` where the registration holds the part by this covariance alone, and a motion within it moves
     /// the region by more than its tolerance and than registration bridges: what lies there may be another surface. A `fail` is taken back
-    /// too where it is by samples that views saw which could not be registered, true in the order of the scans: their poses may be off by
-    /// far more than their priors say. Poses that are taken as they are stated do not depend on either.
+    /// too where the samples do not fail by the scans alone that could be registered, `None` if all could: the poses of the others may be
+    /// off by far more than their priors say. Poses that are taken as they are stated do not depend on either.
     ///
     /// The covariance is from points within the last gate of the registration alone. A feature that is off all round by more has none there,
     /// and holds nothing: where no other surface faces its way, it is undecided, however far off it is.
@@ -82,7 +82,7 @@ impl Aligned {
         nominal: &Nominal<'_>,
         region: &RegionToJudge,
         options: &DeviationOptions,
-        (part_covariance, is_unregistered): (&Matrix6<f64>, &[bool]),
+        (part_covariance, registered): (&Matrix6<f64>, Option<&[SampleDeviation]>),
     ) -> RegionDeviation {
         let judged = self.judge(nominal, region, options);
         let is_held = |tolerance_mm: f64| {
@@ -94,30 +94,14 @@ impl Aligned {
         }
         let because = if !region.tolerance_mm.is_none_or(is_held) {
             UndecidedBecause::NotHeld
-        } else if !self.fails_as_registered(nominal, region, options, is_unregistered) {
+        } else if registered
+            .is_some_and(|samples| judge(samples, nominal.surface, region, options).verdict != Some(Conformity::Fail))
+        {
             UndecidedBecause::NotRegistered
         } else {
             return judged;
         };
         RegionDeviation { verdict: Some(Conformity::Undecided), undecided_because: Some(because), ..judged }
-    }
-
-    /// Returns true if a region fails by the samples alone that no view which could not be registered has points of.
-    fn fails_as_registered(
-        &self,
-        nominal: &Nominal<'_>,
-        region: &RegionToJudge,
-        options: &DeviationOptions,
-        is_unregistered: &[bool],
-    ) -> bool {
-        if !is_unregistered.contains(&true) {
-            return true;
-        }
-        let of_registered =
-            |sample: &SampleId| self.deviation.views_of(*sample).iter().all(|view| !is_unregistered[usize::from(*view)]);
-        let samples = region.samples.iter().copied().filter(of_registered).collect();
-        let told = RegionToJudge { samples, ..region.clone() };
-        self.judge(nominal, &told, options).verdict == Some(Conformity::Fail)
     }
 
     /// Median standard deviation by which motions of the part of this covariance move the measured ones of some samples along their

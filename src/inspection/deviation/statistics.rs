@@ -25,7 +25,7 @@ closed_list! {
     pub enum UndecidedBecause {
         /// The registration leaves open, by more than it bridges, where the part lies along this surface.
         NotHeld = "not_held",
-        /// Those samples have points of views that could not be registered, whose poses may be off by more than is stated.
+        /// Samples fail by points of views that could not be registered, whose poses may be off by more than is stated.
         NotRegistered = "not_registered",
         /// Fewer samples are measured than make a region fail.
         FewSamples = "few_samples",
@@ -315,14 +315,15 @@ struct Judged {
     because: Option<UndecidedBecause>,
 }
 
-/// Verdict of a region: `fail` where more samples fail than noise lets fail ([`by_noise`]), or [`MIN_TO_FAIL`] of them by more than noise
-/// takes any of so many beyond the limit ([`farthest_by_noise`]), and either [`MIN_TO_FAIL`] are measured, or all
-/// that are fail and have `min_area_mm2`: small features have fewer samples, and a few of a larger one do not decide. `pass` where samples
-/// of at least `min_area_mm2` pass and no other fails, lies beyond the limit or could have passed: one whose points leave uncommonly much
-/// open, and alone do so, says little either way, and so do those within the limit whose poses leave uncommonly much open, if they are at
-/// most [`MAX_UNCLEAR`] of the area: they count as not measured. Else undecided. A sample before or behind which most points are off
-/// could not have passed. One where most are turned and beyond the limit counts as not measured: edges that are broken have some. What
-/// passes so passes with any larger tolerance. With the verdict comes the surface that keeps the region from passing.
+/// Verdict of a region: `fail` where more samples fail than noise lets fail ([`by_noise`]), or [`MIN_TO_FAIL`] of them by more
+/// than noise takes any of so many beyond the limit ([`farthest_by_noise`]), and either [`MIN_TO_FAIL`] are measured, or all that
+/// are fail and have `min_area_mm2`: small features have fewer samples, and a few of a larger one do not decide. `pass` where
+/// samples of at least `min_area_mm2` pass and no other fails, lies beyond the limit or could have passed: one whose points leave
+/// uncommonly much open, and alone do so, says little either way, and so do those within the limit whose uncertainty is
+/// uncommonly large and takes them no farther than twice the limit, if they are at most [`MAX_UNCLEAR`] of the area: they count
+/// as not measured. Else undecided. A sample before or behind which most points are off could not have passed. One where most are
+/// turned and beyond the limit counts as not measured: edges that are broken have some. What passes so passes with any larger
+/// tolerance. With the verdict comes the surface that keeps the region from passing.
 fn verdict(
     samples: &[SampleDeviation],
     surface: &Surface,
@@ -354,10 +355,10 @@ fn verdict(
                 let (distance_mm, limit_mm) = (f64::from(sample.distance_mm.abs()), 0.5 * tolerance);
                 let of_points_mm = f64::from(sample.of_points_mm);
                 let of_poses_mm = (expanded_mm.powi(2) - of_points_mm.powi(2)).max(0.0).sqrt();
-                // No lack of points excuses what poses alone leave open, such as a wall that nothing ties to the rest.
+                // No lack of points excuses what poses alone leave open, such as a wall that nothing ties to the rest; a speck of it says little.
                 let is_excused = of_points_mm > UNCOMMON * median_of_points_mm && distance_mm + of_poses_mm <= limit_mm;
                 let may_be_beyond = !is_excused && distance_mm + expanded_mm > limit_mm;
-                let is_unclear = expanded_mm > uncommon_mm && distance_mm <= limit_mm;
+                let is_unclear = expanded_mm > uncommon_mm && distance_mm <= limit_mm && distance_mm + expanded_mm <= tolerance;
                 if may_be_beyond && is_unclear && sample.points > 0 && !sample.is_off {
                     unclear = Some(OpenPart::of(sample, surface.sample_mm[id.index()], own_mm2).with(unclear));
                 }

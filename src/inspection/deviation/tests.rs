@@ -1067,7 +1067,7 @@ fn a_wall_whose_place_the_registration_leaves_open_does_not_fail() {
     let region = RegionToJudge { name: "wall".into(), tolerance_mm: Some(0.3), samples: Walls::samples(&walls.model, 30.0) };
     let verdict = |open_mm: Vector3<f64>| {
         let part = Matrix6::from_diagonal(&Twist::new(0.0, 0.0, 0.0, open_mm.x, open_mm.y, open_mm.z).map(|mm| mm * mm));
-        let judged = walls.found.judge_held(&walls.model.nominal(), &region, &DeviationOptions::default(), (&part, &[]));
+        let judged = walls.found.judge_held(&walls.model.nominal(), &region, &DeviationOptions::default(), (&part, None));
         (judged.verdict, judged.undecided_because)
     };
     let fail = (Some(Conformity::Fail), None);
@@ -1171,15 +1171,17 @@ fn a_region_does_not_fail_by_views_that_could_not_be_registered() {
     let samples: Vec<SampleId> = model.surface.samples().filter(is_top).collect();
     let region = RegionToJudge { name: "top".into(), tolerance_mm: Some(0.3), samples: samples.clone() };
     let nothing_open = Matrix6::zeros();
-    let judged = |is_unregistered: bool| {
-        let mut fitted = as_placed(&placed(&off, 0.0), &model.nominal(), &DeviationOptions::default());
-        fitted.alignment = Alignment::BestFitOn;
-        let judged =
-            fitted.judge_held(&model.nominal(), &region, &DeviationOptions::default(), (&nothing_open, &[is_unregistered]));
+    let mut fitted = as_placed(&placed(&off, 0.0), &model.nominal(), &DeviationOptions::default());
+    fitted.alignment = Alignment::BestFitOn;
+    let judged = |registered: Option<&[SampleDeviation]>| {
+        let held = (&nothing_open, registered);
+        let judged = fitted.judge_held(&model.nominal(), &region, &DeviationOptions::default(), held);
         (judged.verdict, judged.undecided_because)
     };
-    assert_eq!(judged(false), (Some(Conformity::Fail), None));
-    assert_eq!(judged(true), (Some(Conformity::Undecided), Some(UndecidedBecause::NotRegistered)));
+    let at_its_place = as_placed(&placed(&scans, 0.0), &model.nominal(), &DeviationOptions::default()).deviation.samples;
+    let fails = (Some(Conformity::Fail), None);
+    assert_eq!([judged(None), judged(Some(&fitted.deviation.samples))], [fails, fails], "registered views show it");
+    assert_eq!(judged(Some(&at_its_place)), (Some(Conformity::Undecided), Some(UndecidedBecause::NotRegistered)));
 }
 
 /// Two square millimetres of a plate of 5000 that a view knows badly kept it from passing.
@@ -1188,7 +1190,7 @@ fn a_hundredth_of_a_region_may_be_open_by_its_uncertainty() {
     let model = Model::of(box_mesh([-50.0, -50.0, 0.0], [50.0, 50.0, 10.0]), 0.1);
     let judged = |open: usize, distance_mm: f32| {
         let sample = |index: usize| {
-            let (distance_mm, expanded_mm) = if index % 1000 < open { (distance_mm, 0.3) } else { (0.0, 0.02) };
+            let (distance_mm, expanded_mm) = if index % 1000 < open { (distance_mm, 0.2) } else { (0.0, 0.02) };
             SampleDeviation { distance_mm, points: 9, expanded_mm, of_points_mm: 0.02, ..SampleDeviation::default() }
         };
         let samples: Vec<SampleDeviation> = (0..model.surface.sample_mm.len()).map(sample).collect();

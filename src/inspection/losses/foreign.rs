@@ -22,12 +22,13 @@ const MIN_POINTS: usize = 8;
 const RAYS_AROUND: usize = 8;
 const AROUND: f64 = 0.2;
 
-/// What lies in front of the model, as one scan shows it.
+/// Bodies and material in front of the model, as one scan shows them.
 pub(super) struct InFront {
     /// Bodies that the plan does not know.
     foreign: Points,
     /// Material of the part.
     material: Points,
+    search_mm: f64,
 }
 
 /// Points that hide what lies behind them.
@@ -68,13 +69,18 @@ impl InFront {
         let is_of_part = |point: &Point3<f64>| nearest.nearest(point, search_mm).is_some();
         let (material, foreign): (Vec<_>, Vec<_>) = found.into_iter().partition(is_of_part);
         let [foreign, material] = [foreign, material].map(|points_mm| Points::of(points_mm, &centre_mm, stride, grid));
-        Self { foreign, material }
+        Self { foreign, material, search_mm }
     }
 
     /// Cause of the loss of a point of the model between which and one of the devices something lies; `None` where nothing does.
     pub(super) fn hides(&self, point_mm: &Point3<f64>, centres_mm: &PerDevice<Point3<f64>>) -> Option<LossCause> {
-        let ways = [(&self.foreign, LossCause::UnmodelledOccluder), (&self.material, LossCause::PartDeviates)];
-        ways.into_iter().find(|(points, _)| points.hide(point_mm, centres_mm)).map(|(_, cause)| cause)
+        // Surface farther behind the material is where the model has it, and another view may see it.
+        let ways = [
+            (&self.foreign, f64::INFINITY, LossCause::UnmodelledOccluder),
+            (&self.material, self.search_mm, LossCause::PartDeviates),
+            (&self.material, f64::INFINITY, LossCause::UnmodelledOccluder),
+        ];
+        ways.into_iter().find(|(points, within_mm, _)| points.hide(point_mm, centres_mm, *within_mm)).map(|(.., cause)| cause)
     }
 }
 
@@ -92,14 +98,14 @@ impl Points {
         Self { points_mm, reach_mm: REACH * spacing_mm }
     }
 
-    /// Returns true if one of them lies between a point of the model and one of the devices.
-    fn hide(&self, point_mm: &Point3<f64>, centres_mm: &PerDevice<Point3<f64>>) -> bool {
+    /// Returns true if one of them lies between a point of the model and one of the devices, no farther from that point than `within_mm`.
+    fn hide(&self, point_mm: &Point3<f64>, centres_mm: &PerDevice<Point3<f64>>, within_mm: f64) -> bool {
         let crosses = |centre: &Point3<f64>| {
             let (way, squared) = (centre - point_mm, (centre - point_mm).norm_squared());
             self.points_mm.iter().any(|between| {
                 let from = between - point_mm;
                 let share = from.dot(&way) / squared;
-                share > 0.0 && (from - way * share).norm_squared() <= self.reach_mm * self.reach_mm
+                share > 0.0 && from.norm() <= within_mm && (from - way * share).norm_squared() <= self.reach_mm * self.reach_mm
             })
         };
         !self.points_mm.is_empty() && centres_mm.iter().any(crosses)

@@ -71,6 +71,8 @@ const JOINT_RADII_MM: [f64; 8] = [2.0, 1.0, 0.5, 0.35, 0.25, 0.25, 0.25, 0.25];
 const WIDE_RADIUS_MM: f64 = 1.0;
 /// Max views that are tied to each other; more are held to the mesh alone, and what it does not hold of them is as open as their priors.
 const MAX_TIED_VIEWS: usize = 256;
+/// Variance of a place that normal cells tell with the weights of Student's distribution, in that which they could tell.
+const STUDENT_LOSS: f64 = 0.623 / (0.689 * 0.689);
 /// Standard deviations of a pose that is not off, rad and mm: far below what points tell.
 const FIXED_RAD: f64 = 1e-9;
 const FIXED_MM: f64 = 1e-6;
@@ -396,15 +398,19 @@ fn deviation_sd_mm(cells: &[SeenCell]) -> f64 {
     robust_sd_mm(cells.iter().map(|cell| mean_of(cell).1).collect())
 }
 
+/// Standard deviation of cells by which covariances are told, mm: weighted after Student, normal cells tell a place with 0.623/0.689² of
+/// the variance that they could, by (E ψ²)/(E ψ′)² with ψ(r) = 2r/(1 + r²) of their residuals (P. J. Huber, "Robust estimation of a location
+/// parameter", Ann. Math. Stat. 35(1), 1964, section 4).
+fn told_deviation_sd_mm(cells: &[SeenCell]) -> f64 {
+    deviation_sd_mm(cells) * STUDENT_LOSS.sqrt()
+}
+
 /// Standard deviation by which one cell deviates from the mesh, mm, by what its views see of it: deviations are taken to have Student's
 /// distribution of one degree of freedom, whose scale s is that of all cells. Of a cell with the mean m of total weight W, the variance
 /// v = s² + 1/W counts as v/w, w = 2/(1 + m²/v), as one step of expectation and maximisation has it (K. L. Lange, R. J. A. Little,
 /// J. M. G. Taylor, "Robust statistical modeling using the t distribution", J. Am. Stat. Assoc. 84, 1989, section 3). Few cells that are
 /// off by many s would outvote the priors of the poses otherwise: a wall of 1 mm pulled a view by as much.
 fn own_deviation_sd_mm(means: &[CellMean], deviation_sd_mm: f64) -> f64 {
-    if deviation_sd_mm.is_infinite() {
-        return deviation_sd_mm;
-    }
     let weight: f64 = means.iter().map(|mean| mean.weight).sum();
     let mean_mm = means.iter().map(|mean| mean.weight * mean.distance_mm).sum::<f64>() / weight;
     let variance_mm2 = deviation_sd_mm.powi(2) + weight.recip();
@@ -432,14 +438,13 @@ fn point_sd_mm(cells: &[SeenCell]) -> f64 {
 /// Gradients of the blocks of a part's surface: in each eighth of its box, parted at `centre_mm`, the cells that look to one side.
 fn block_gradients(matched: &[Matched], centre_mm: &Point3<f64>, weighing: &Weighing<'_>) -> Vec<DVector<f64>> {
     let (places, cells) = seen_places(matched, weighing);
-    let (deviation_sd_mm, point_weight) = (deviation_sd_mm(&cells), point_sd_mm(&cells).powi(-2));
+    let (deviation_sd_mm, point_weight) = (told_deviation_sd_mm(&cells), point_sd_mm(&cells).powi(-2));
     let mut blocks: BTreeMap<([bool; 3], u8), DVector<f64>> = BTreeMap::new();
     for ((place, side), cell) in places.iter().zip(&cells) {
         let middle_mm = place.map(|number| (number as f64 + 0.5) * weighing.options.correlation_mm);
         let eighth = [0, 1, 2].map(|axis| middle_mm[axis] > centre_mm[axis]);
         let gradient = blocks.entry((eighth, *side)).or_insert_with(|| DVector::zeros(FREEDOMS * matched.len()));
-        let means = means_of(cell, point_weight);
-        add_gradient(gradient, &means, own_deviation_sd_mm(&means, deviation_sd_mm));
+        add_gradient(gradient, &means_of(cell, point_weight), deviation_sd_mm);
     }
     blocks.into_values().collect()
 }
@@ -512,18 +517,26 @@ impl State {
         self.part = exp(&solved.part_step) * self.part;
     }
 
+    /// Arrow by which poses are found.
     fn arrow(&self, views: &[ViewPoints], matched: &[Matched], weighing: &Weighing<'_>) -> Option<Arrow> {
         let cells = seen_cells(matched, weighing);
-        self.arrow_of(views, &cells, deviation_sd_mm(&cells), weighing)
+        let deviation_sd_mm = deviation_sd_mm(&cells);
+        self.arrow_of(views, &cells, &|means| own_deviation_sd_mm(means, deviation_sd_mm), weighing)
     }
 
-    /// Arrow of cells that deviate by this standard deviation: at infinity they say nothing of the mesh.
-    fn arrow_of(&self, views: &[ViewPoints], cells: &[SeenCell], deviation_sd_mm: f64, weighing: &Weighing<'_>) -> Option<Arrow> {
+    /// Arrow of cells that deviate by these standard deviations: at infinity they say nothing of the mesh.
+    fn arrow_of(
+        &self,
+        views: &[ViewPoints],
+        cells: &[SeenCell],
+        deviation_sd_mm: &dyn Fn(&[CellMean]) -> f64,
+        weighing: &Weighing<'_>,
+    ) -> Option<Arrow> {
         let point_weight = point_sd_mm(cells).powi(-2);
         let mut observations = Observations::of(views.len());
         for cell in cells {
             let means = means_of(cell, point_weight);
-            observations.add(&means, own_deviation_sd_mm(&means, deviation_sd_mm));
+            observations.add(&means, deviation_sd_mm(&means));
         }
         let from_part: Vec<Matrix6<f64>> = (0..views.len()).map(|view| adjoint(&self.pose(views, view).inverse())).collect();
         observations.with(weighing.priors, &self.corrections, &from_part)
@@ -536,7 +549,9 @@ impl State {
         nearest: &NearestFace<'_>,
         weighing: &Weighing<'_>,
     ) -> Option<Covariances> {
-        let arrow = self.arrow(views, matched, weighing)?;
+        let cells = seen_cells(matched, weighing);
+        let deviation_sd_mm = told_deviation_sd_mm(&cells);
+        let arrow = self.arrow_of(views, &cells, &|_| deviation_sd_mm, weighing)?;
         let solved = arrow.solve(weighing.options.moves_part)?;
         Some(arrow.covariances(&solved, &block_gradients(matched, &nearest.mesh().aabb().centre(), weighing)))
     }
@@ -550,7 +565,7 @@ impl State {
         weighing: &Weighing<'_>,
     ) -> OpenPoses {
         let size = FREEDOMS * views.len();
-        let arrow = self.arrow_of(views, &seen_cells(matched, weighing), f64::INFINITY, weighing);
+        let arrow = self.arrow_of(views, &seen_cells(matched, weighing), &|_| f64::INFINITY, weighing);
         let is_solved = arrow.is_some();
         let (mut covariance, mut pulled) =
             arrow.map_or_else(|| (DMatrix::zeros(size, size), DVector::zeros(size)), |arrow| arrow.of_views());

@@ -98,7 +98,7 @@ impl AlignmentDocument {
         (count > 0).then(|| {
             format!(
                 "{count} of {all} could not be registered, and may be off by more than is stated: what they show of deviation and \
-                 material is doubtful. Calibrate again, or scan those views again."
+                 material is doubtful. Calibrate, or scan again."
             )
         })
     }

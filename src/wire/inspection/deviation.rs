@@ -387,8 +387,8 @@ fn because_sentence(region: &RegionDeviationDocument, because: UndecidedBecause)
             )
         }
         UndecidedBecause::NotRegistered => {
-            "Samples fail, but by points of views whose poses could not be registered and may be off by more than is stated: calibrate \
-             again, or scan those views again."
+            "Samples fail, but by points of views whose poses could not be registered and may be off by more than is stated: calibrate, or \
+             scan again."
                 .to_owned()
         }
         UndecidedBecause::FewSamples if region.measured_samples == Some(1) => {

@@ -178,7 +178,7 @@ fn verdict_sentence(document: &InspectionDocument) -> String {
         }
         Some(PartNotFound::FewPoints) => {}
         None => {
-            first.extend(document.alignment.unregistered_sentence());
+            first.extend(document.alignment.unregistered_sentence().filter(|_| !document.coverage.approximate));
             first.extend(verdicts_sentence(&document.deviation.regions));
             first.extend(material_sentences(&document.deviation, document.params.compare.search_mm));
         }

@@ -18,9 +18,10 @@ use crate::wire::words::{counted, fixed, limits_mm, listed, of_asked_phrase, per
 
 /// Action that would add the most measured area, tried in simulation: advice on the plan as a whole, or the fix of missed spots,
 /// whose effect counts all spots that it is for. If pose errors cost the plan at least as much, it is to choose views that
-/// tolerate them; if a region misses its target because a tolerance is finer than the scanner's noise allows, and no advice adds a
-/// twentieth of the asked area, it is a coarser tolerance or a larger budget of noise; if the home of the cell is blocked, it is another home; and if the part would tip over as it is placed,
-/// it is to place it so that it stands, before anything else. The effects of these four are not estimated.
+/// tolerate them; if a region misses its target because a tolerance is finer than the scanner's noise allows, and no advice adds
+/// a twentieth of the asked area, it is a coarser tolerance or a larger budget of noise; if the home of the cell is blocked, it
+/// is another home; and if the part would tip over as it is placed, it is to place it so that it stands, before anything else.
+/// The effects of these four are not estimated.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(expecting = "an object")]
 pub struct SummaryAction {
@@ -67,8 +68,9 @@ const MAINLY: f64 = 0.5;
 /// Features named in an action.
 const NAMED: usize = 3;
 
-/// The best action for a plan; `None` where none is known. What no view can mend comes first, unless advice on the whole plan adds much. Of a plan that reaches its targets, an
-/// action that gains no more than pose errors cost comes after the choice of views that stand them.
+/// The best action for a plan; `None` where none is known. What no view can mend comes first, unless advice on the whole plan
+/// adds [`MIN_GAIN_BEFORE_TOLERANCE`]. Of a plan that reaches its targets, an action that gains no more than pose errors cost
+/// comes after the choice of views that stand them.
 pub(super) fn best(plan: &Plan, verdict: PlanVerdict, cycle_secs: Option<f64>) -> Option<SummaryAction> {
     // Better grades add no measured area.
     let adds_area = |advice: &AdviceDocument| advice.kind != AdviceKind::BetterGrades.as_str();

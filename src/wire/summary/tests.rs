@@ -489,9 +489,14 @@ fn several_setups_come_with_the_means_by_which_they_are_registered() {
     assert_eq!(text(Registration::None), "7 views in 2 setups, not registered to each other; lower bound 2");
     // Further views took setups for registered that slide on each other.
     twice.params.registration = Registration::Surface;
-    twice.setup_links = vec![SetupLink { setups: [SetupId(0), SetupId(1)], stability: stability(0.0016) }];
+    let link = |setups: [u32; 2], resistance: f64| SetupLink { setups: setups.map(SetupId), stability: stability(resistance) };
+    twice.setup_links = vec![link([0, 1], 0.0016)];
     let told = Summary::of(&twice).views_text;
     assert_eq!(told, "7 views in 2 setups, not held to each other by the surface that they share; lower bound 2");
+    twice.setups.push(twice.setups[0].clone());
+    twice.setup_links = vec![link([0, 1], 0.05), link([0, 2], 0.0016), link([1, 2], 0.05)];
+    let told = Summary::of(&twice).views_text;
+    assert_eq!(told, "7 views in 3 setups, registered by shared surface; lower bound 2", "through the second one");
 }
 
 #[test]
