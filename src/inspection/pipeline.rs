@@ -401,7 +401,9 @@ impl Judged<'_> {
     ) -> Option<Vec<SampleDeviation>> {
         let found = &self.registration.found;
         let is_beyond = |view: &ViewRegistration| view.kept_pose == Some(KeptPose::PoseOutOfPrior);
-        if self.input.is_merged() || !found.iter().any(is_beyond) {
+        // Poses that are taken as they are stated are judged as they are.
+        let is_stated = aligned.alignment == Alignment::AsPlaced;
+        if is_stated || self.input.is_merged() || !found.iter().any(is_beyond) {
             return None;
         }
         let is_known = |view: &ViewRegistration| view.kept_pose.is_none_or(|kept| kept == KeptPose::FewPoints);
